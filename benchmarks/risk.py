@@ -118,7 +118,7 @@ def crashes(runner: PairRunner, pairs: Sequence[tuple[int, Given]]) -> NDArray[n
         for at in range(0, len(pairs), CHUNK)
         for outcome in runner.run_arm_given(Arm.AV, pairs[at : at + CHUNK])
     ]
-    if Ending.ENGINE_FAILED in endings:
+    if Ending.FAILED in endings:
         raise SystemExit("an episode failed")
     return np.array([ending is Ending.CRASHED for ending in endings])
 

@@ -32,7 +32,7 @@ Fate = float | str | dict[str, Any]
 Fates = Callable[[Scenario, int], tuple[Fate, Fate]]
 """The AV's fate and the reference's in a pair."""
 
-FAILED = {"ending": "engine_failed", "failed_in": "strategy", "reason": "the strategy raised"}
+FAILED = {"ending": "failed", "failed_in": "strategy", "reason": "the strategy raised"}
 FAILED |= {"steps": None, "pedestrians": None, "arrivals": None}
 WALKER = {"side": "near", "start_lateral_m": 4.0, "speed_mps": 1.4, "impact_share": 0.5}
 TIMED = {"pedestrians__timed": [WALKER], "pedestrians__first_at_trigger": False}

@@ -35,6 +35,9 @@ PEDESTRIAN_RADIUS_M = 0.25
 STANDING_MPS = 0.1
 """A vehicle or a pedestrian who is slower stands (SUMO's threshold for waiting time)."""
 
+STOP_BEFORE_M = 1.0
+"""The stop line is this far before the near edge of the crosswalk (the paper's Hard-Yield)."""
+
 ROUNDING = 1e-9
 """Tolerance of thresholds in m, m/s and s: engines differ in the last bits of their sums."""
 
@@ -70,7 +73,7 @@ class Ending(StrEnum):
     CROSSED = "crossed"
     CRASHED = "crashed"
     TIMED_OUT = "timed_out"
-    ENGINE_FAILED = "engine_failed"
+    FAILED = "failed"
 
 
 class Contact(StrEnum):
@@ -104,6 +107,11 @@ class Vehicle:
     def obeys_at_once(self) -> bool:
         """Whether the acceleration is the commanded one from the command on."""
         return not self.dead_time_s and not self.lag_s and self.max_jerk_mps3 is None
+
+    def within_limits(self, acceleration_mps2: float) -> float:
+        """The acceleration, or the limit of the vehicle that is nearest to it."""
+        most_mps2 = self.max_acceleration_mps2
+        return max(-self.max_deceleration_mps2, min(acceleration_mps2, most_mps2))
 
     def free_pass_time_s(self, crossing: "Crossing") -> float:
         """Time in s from the trigger until the rear bumper passes the far edge, driving at v0."""
@@ -152,8 +160,8 @@ class Crossing:
 
     @property
     def stop_line_m(self) -> float:
-        """Range of the front bumper at Hard-Yield's stop line: 1 m before the near edge."""
-        return self.width_m / 2 + 1.0
+        """Range of the front bumper at the stop line before the near edge of the crosswalk."""
+        return self.width_m / 2 + STOP_BEFORE_M
 
 
 quick_tuple = tuple.__new__
@@ -340,7 +348,7 @@ class Trace(Frozen):
     ``x_m`` and ``speed_mps`` have shape (steps + 1,): the state at times 0, step_s, 2 step_s, …
     ``motion`` says how the vehicle moves within a step: with constant acceleration (``ballistic``),
     or at the speed of the step's end (``euler``, SUMO's default).  ``ending`` is how the *engine*
-    ended the episode: ``crossed``, ``timed_out`` or ``engine_failed``; ``measures`` detects
+    ended the episode: ``crossed``, ``timed_out`` or ``failed``; ``measures`` detects
     contacts afterwards.  A failed episode has a ``reason``, ``failed_in`` (what failed) and, if a
     strategy raised an exception, its ``traceback``.  With ``[traffic]`` the trace begins
     ``trace_offset_s``, less than a step, after the front bumper passed the trigger.  ``shown`` has

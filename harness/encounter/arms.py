@@ -77,10 +77,7 @@ def make_strategy(
 
 
 def named_strategy(
-    scenario: Scenario,
-    name: str,
-    model: InteractionModel,
-    rng: Callable[[], np.random.Generator],
+    scenario: Scenario, name: str, model: InteractionModel, rng: Callable[[], np.random.Generator]
 ) -> Strategy:
     """A new object of the strategy with this name, with the scenario's parameters.
 

@@ -112,14 +112,8 @@ class Driver:
         if self._least_mps2 <= wanted <= self._most_mps2:
             return wanted
         if math.isfinite(wanted):
-            return within_limits(self._way.vehicle, wanted)
+            return self._way.vehicle.within_limits(wanted)
         raise StrategyError(f"the strategy returned {answer!r} at t = {time_s:.3f} s")
-
-
-def within_limits(vehicle: Vehicle, acceleration_mps2: float) -> float:
-    """The acceleration, or the vehicle's limit that is nearest to it."""
-    least_mps2, most_mps2 = -vehicle.max_deceleration_mps2, vehicle.max_acceleration_mps2
-    return max(least_mps2, min(acceleration_mps2, most_mps2))
 
 
 def answer_of(strategy: Strategy, observation: Observation) -> object:

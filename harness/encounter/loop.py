@@ -46,7 +46,7 @@ def drive(episode: "Episode", strategy: Strategy) -> Trace:
 
     Returns:
         The trace.  It continues after a contact, until the ego has passed; ``measures`` ends the
-        record at the contact.  An error of engine or strategy ends it as ``engine_failed``.
+        record at the contact.  An error of engine or strategy ends it as ``failed``.
     """
     try:
         ending = _driven(episode.steps(), strategy)
@@ -66,7 +66,7 @@ def failed(trace: Trace, error: EngineError | StrategyError) -> Trace:
         trace = replace(trace, failed_in="strategy", traceback=error.traceback)
     else:
         trace = replace(trace, failed_in="engine")
-    return replace(trace, ending=Ending.ENGINE_FAILED, reason=str(error))
+    return replace(trace, ending=Ending.FAILED, reason=str(error))
 
 
 def _driven(steps: Steps, strategy: Strategy) -> Ending:

@@ -170,7 +170,7 @@ class PairRunner:
             x_m=none,
             speed_mps=none,
             walks=(),
-            ending=Ending.ENGINE_FAILED,
+            ending=Ending.FAILED,
         )
 
     def _run_arm(self, arm: Arm, pair: int, people: "_People", begins: Begins) -> Trace:
@@ -186,7 +186,7 @@ class PairRunner:
         begins(pair, arm, episode)
         trace = drive(episode, strategy)
         conditionings = self._speeds.model_use.counts.joined(uses_of(strategy))
-        if trace.ending is Ending.ENGINE_FAILED:
+        if trace.ending is Ending.FAILED:
             # The next episode needs a new simulation.
             episode.engine.close()
             self._engine = None

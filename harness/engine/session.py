@@ -294,7 +294,7 @@ class Session:
     def add_person(self, name: str, edge: str, position_m: float, type_id: str = _WALKER) -> None:
         """Add a person, who has to get a way (``people.walk``) before the next step.
 
-        They exist, and may be moved, after the next step but one.
+        They exist, and may be moved, after the next step.
         """
         self._api.person.add(name, edge, position_m, depart=_DEPART_NOW, typeID=type_id)
 

@@ -22,6 +22,9 @@ COLLISION_REACH_M = 5.0
 SUMO reports a hit only while the front is on the junction, which begins a few metres upstream.
 """
 
+_AHEAD_STEPS = 2
+"""People are inserted this many steps before they arrive: they exist only after a step."""
+
 _SHORT_M = 1e-6
 """The ego departs this far before its place, so that a front on the junction's far border is on the
 junction: its state is that of its odometer."""
@@ -77,8 +80,7 @@ class SumoEngine:
         people = self.people
         people.begin(arrivals, self._episode)
         with self._session.watched("could not set up the episode"):
-            # Persons exist only after a step, so they are inserted a step before the ego.
-            people.announce(2 * self._step_s)
+            people.announce(_AHEAD_STEPS * self._step_s)
             self._advance()
             people.after_step()
             kind = "av" if self.automated else "ego"
@@ -98,8 +100,8 @@ class SumoEngine:
                 self._set_speed(ego, speed_mps)
                 self._set_mps = speed_mps
             people.place(pedestrians)
-            until_s = (self._steps + 3) * self._step_s
             self._steps += 1
+            until_s = (self._steps + _AHEAD_STEPS) * self._step_s
             if people.next_s <= until_s:
                 people.announce(until_s)
                 self._advance()

@@ -124,11 +124,7 @@ def chunk_of(traces: Sequence[Trace], strikes: Sequence[Strike | None] | None = 
         legs=legs,
         met=met,
         ttc_s=time_to_collision_s(
-            met.ahead_m,
-            met.walker_y_m,
-            -met.closing_mps,
-            met.walker_y_mps,
-            body_of(traces[0]),
+            met.ahead_m, met.walker_y_m, -met.closing_mps, met.walker_y_mps, body_of(traces[0])
         ),
         strikes=tuple(strikes),
         crashed=crashed,

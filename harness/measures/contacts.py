@@ -28,7 +28,7 @@ def strikes_of(traces: Sequence[Trace], rows: Rows) -> list[Strike | None]:
     struck: set[int] = set()
     for row in _close_rows(rows, body):
         walk, trace = int(rows.walk[row]), int(rows.trace[row])
-        if walk in struck or traces[trace].ending is Ending.ENGINE_FAILED:
+        if walk in struck or traces[trace].ending is Ending.FAILED:
             continue
         ego = Motion(
             float(rows.x_m[row]), float(rows.speed_mps[row]), float(rows.acceleration_mps2[row])

@@ -1,8 +1,8 @@
 """Model files in; how fast pedestrians walk and drivers drive out.
 
-Only this module knows the order of the model's variables: 1/R, v, v_p, 1/T_adv (paper, section II).
-The model answers two questions: how fast a pedestrian walks in front of a vehicle, and how fast a
-driver drives towards a pedestrian.
+The variables are 1/R, v, v_p and 1/T_adv, in this order (paper, section II).  The model answers two
+questions: how fast a pedestrian walks in front of a vehicle, and how fast a driver drives towards a
+pedestrian.
 
 T_adv = |R/v − L/v_p| depends on v_p, so "v_p given (R, v, T_adv)" has two readings.  T_adv is
 integrated out (``marginal``), or given as in the paper's figures (``given_time_advantage``).

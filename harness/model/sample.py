@@ -19,7 +19,7 @@ from harness.core.documents import parse_json
 from harness.core.errors import InputError, Parameter, unknown_name
 from harness.core.freezing import Frozen
 from harness.core.vocabulary import FloatArray
-from harness.model.interaction import VARIABLES
+from harness.model.interaction import INVERSE_RANGE, PEDESTRIAN_SPEED, VARIABLES
 from harness.model.trajectories.extraction import ENCOUNTER_KEY, EXTRACTION_KEY, VEHICLE_KEY
 from harness.model.trajectories.rules import TEXT_COLUMNS
 from harness.model.trajectories.table import identifiers, read_table, require_columns
@@ -27,6 +27,9 @@ from harness.model.trajectories.table import identifiers, read_table, require_co
 COLUMNS = ("range_m", "vehicle_speed_mps", "pedestrian_speed_mps", "time_advantage_s")
 LABELS = ("range_m (as 1/R)", COLUMNS[1], COLUMNS[2], "time_advantage_s (as 1/T_adv)")
 """The model's variables in messages: by the columns of the user's file."""
+
+_INVERTED = [at for at, name in enumerate(VARIABLES) if name.startswith("inverse_")]
+"""The variables that are the inverse of their column."""
 
 BOX_LOWER, BOX_UPPER = (1 / 60, 0.3, 0.3, 0.0), (0.5, 8.0, 3.0, 2.0)
 """Bounds of the variables.  A sensor resolves R up to 60 m and 1/T_adv up to 2 per s.  The least
@@ -141,7 +144,9 @@ def box_of(texts: Sequence[str]) -> tuple[FloatArray, FloatArray]:
         except (ValueError, ZeroDivisionError):
             low, high = -1.0, -1.0
         # R and passing times are finite.
-        if not 0 <= low < high < np.inf or (low == 0 and variable in (0, 2)):
+        if not 0 <= low < high < np.inf or (
+            low == 0 and variable in (INVERSE_RANGE, PEDESTRIAN_SPEED)
+        ):
             allowed = "LOW:HIGH, e.g. 0.3:8 or 1/60:0.5, lower < upper, above 0"
             raise InputError(Parameter("bounds", text), "is not accepted", allowed)
         box[:, variable] = low, high
@@ -288,12 +293,12 @@ def _variables(rows: pd.DataFrame) -> FloatArray:
     values = np.array(rows[list(COLUMNS)].to_numpy(dtype=float, na_value=np.nan))
     for i, name in enumerate(COLUMNS):
         wrong, allowed = ~np.isfinite(values[:, i]), "finite numbers"
-        if i in (0, 3):
+        if i in _INVERTED:
             wrong, allowed = wrong | (values[:, i] <= 0), "finite numbers above 0"
         if count := int(wrong.sum()):
             problem = f"{count} rows have a value that is missing, NaN, infinite or not {allowed}"
             raise InputError(f"rows: {name}", problem, allowed)
-    values[:, [0, 3]] = 1.0 / values[:, [0, 3]]
+    values[:, _INVERTED] = 1.0 / values[:, _INVERTED]
     return values
 
 

@@ -269,26 +269,17 @@ def draw_map(
     for road in roads:
         axes.plot(*np.asarray(road, dtype=float)[:, :2].T, color=style.GRID, lw=1.2, zorder=1)
     largest = max((size for size in sizes.values() if size is not None), default=0.0)
-    looks = {
-        "longer delay": style.HUMAN,
-        "shorter delay": style.SERIES[2],
-        "no clear difference": AV,
-    }
+    looks = {"longer delay": style.HUMAN, "shorter delay": SERIES[2], "no clear difference": AV}
     for words, look in looks.items():
         if not (names := [name for name in places if _sign(slower[name]) == words]):
             continue
         known, at = [sizes[name] for name in names], np.array([places[name] for name in names])
         axes.scatter(
-            at[:, 0],
-            at[:, 1],
+            at[:, 0], at[:, 1],
             [30.0 + (300.0 * size / largest if size else 0.0) for size in known],
             facecolors=["none" if size is None else look.colour for size in known],
-            edgecolors=look.colour,
-            marker=look.marker,
-            alpha=0.75,
-            label=words,
-            zorder=2,
-        )
+            edgecolors=look.colour, marker=look.marker, alpha=0.75, label=words, zorder=2,
+        )  # fmt: skip
     for name, (x_m, y_m) in [*places.items()][:_MOST_NAMED]:
         axes.annotate(figure_text(name), (x_m, y_m), (6, 4), textcoords="offset points", fontsize=8)
     axes.set_aspect("equal", adjustable="datalim")

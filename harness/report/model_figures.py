@@ -34,7 +34,8 @@ from harness.results.result import Result
 from harness.studies.models.fits import RULE_SHARE
 
 AXIS_LABELS = ("1/R (1/m)", "vehicle speed v (m/s)", "walking speed v_p (m/s)", "1/T_adv (1/s)")
-PAIRS = ((0, 1), (0, 2), (3, 2))
+PAIRS = [(INVERSE_RANGE, VEHICLE_SPEED), (INVERSE_RANGE, PEDESTRIAN_SPEED)]
+PAIRS += [(INVERSE_TIME_ADVANTAGE, PEDESTRIAN_SPEED)]
 """The projections: v over 1/R, v_p over 1/R, and v_p over 1/T_adv."""
 
 _CELLS = 48
@@ -161,7 +162,7 @@ def pair_density(
 def usual_view(mixture: TruncatedGaussianMixture) -> FloatArray:
     """Each variable's range from its lower bound to its 99.7 % quantile, (4, 2)."""
     nothing = np.empty((1, 0))
-    high = [Conditional(mixture, i, ()).ppf([0.997], nothing)[0] for i in range(4)]
+    high = [Conditional(mixture, i, ()).ppf([0.997], nothing)[0] for i in range(len(AXIS_LABELS))]
     return np.column_stack((mixture.lower, high))
 
 

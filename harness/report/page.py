@@ -106,9 +106,8 @@ def write_report(
         run = load_run(folder, settings)
         result = run.result()
     groups = groups_of([run]) if run.finished else []
-    compared = None
-    if any(len(group) > 1 for group in groups):
-        compared = compare(run, mu0=mu0, kappa0=kappa0)
+    several = any(len(group) > 1 for group in groups)
+    compared = compare(run, mu0=mu0, kappa0=kappa0) if several else None
     judged = allowed_in(groups, mu0, kappa0, run.confidence)
     shown, warnings = list[ShownPair](), list[str]()
     try:

@@ -203,8 +203,7 @@ def _tau_mean(axes: Sequence[Axes], scene: PictureSource) -> str:
 
 def _tau(axes: Sequence[Axes], scene: PictureSource) -> str:
     run, cell = scene.run, scene.run.cells[0]
-    episodes = run.episodes
-    fallback = episodes.loc[episodes["arm"] == Arm.AV, "fallback"]
+    fallback = run.episodes.loc[run.episodes["arm"] == Arm.AV, "fallback"]
     draw.draw_tau(axes[0], run.pairs["tau"], cell["mu"], cell.scenario.arms.human, fallback)
     return f"Histogram of τ with its mean μ and the {level_text(run.confidence)} interval of μ."
 
@@ -254,14 +253,11 @@ def _cells(axes: Sequence[Axes], scene: PictureSource) -> str:
 
 
 def _curves(axes: Sequence[Axes], scene: PictureSource) -> str:
-    run, key = scene.run, _across(scene.run) or ""
     for panel, name in zip(axes, _OVER, strict=True):
-        count = f"{_pairs(run.cells)} per point"
-        up, scale = _title(name, run)
-        draw.draw_over(panel, _lines(run, name), axis_label(key), up, count, scale=scale)
+        said = _over([panel], scene, name)
     return (
-        f"Over {key}, with {level_text(run.confidence)} intervals over pairs (Student's t). In the "
-        "reference's arm AVs are the vehicles that are AVs in the other one."
+        f"{said} Intervals are over pairs (Student's t). In the reference's arm AVs are the "
+        "vehicles that are AVs in the other one."
     )
 
 

@@ -140,8 +140,7 @@ def _scene(scenario: Scenario) -> JsonObject:
 
 def _episode(run: Run, pair: "ShownPair") -> JsonObject:
     table = read_cell(run.path, "episodes", pair.cell, run.manifest, pair.pair)
-    rows: list[Row] = table.to_pylist()
-    records = {Arm(row["arm"]): row for row in rows}
+    records: dict[Arm, Row] = {Arm(row["arm"]): row for row in table.to_pylist()}
     cell = next(cell for cell in run.study.cells if cell.number == pair.cell)
     arms = []
     for arm, record in records.items():

@@ -75,7 +75,7 @@ def chosen_pairs(run: Run) -> dict[str, list[Key]]:
     pedestrians, so for a measure each pair counts once, in the cell with the most extreme value.
     The last reason, ``other pairs``, completes a small run.
     """
-    episodes = run.episodes[run.episodes["ending"] != Ending.ENGINE_FAILED]
+    episodes = run.episodes[run.episodes["ending"] != Ending.FAILED]
     av, human = (episodes[episodes["arm"] == arm] for arm in Arm)
     tau = run.pairs.dropna(subset="tau").sort_values("tau", kind="stable")
     middles = [rows.iloc[[(len(rows) - 1) // 2]] for _, rows in tau.groupby("cell", sort=True)]
@@ -105,6 +105,5 @@ def _most_striking(rows: "pd.DataFrame", column: str) -> list[Key]:
 
 
 def _keys(rows: "pd.DataFrame", most: int = _EACH) -> list[Key]:
-    return list(dict.fromkeys(zip(rows["cell"].tolist(), rows["pair"].tolist(), strict=True)))[
-        :most
-    ]
+    keys = dict.fromkeys(zip(rows["cell"].tolist(), rows["pair"].tolist(), strict=True))
+    return [*keys][:most]

@@ -9,7 +9,7 @@ from harness.results.columns import Sample
 from harness.results.estimators import EQUAL
 from harness.results.finding import Finding, Findings, Plain
 from harness.results.simulated import SimulationSample
-from harness.results.tables import RunKind, Tables, kind_of
+from harness.results.tables import RunKind, Tables
 from harness.scenario import Cell, Scenario
 
 
@@ -34,7 +34,7 @@ class CellFindings(Frozen):
     @property
     def kind(self) -> RunKind:
         """The kind of its run."""
-        return kind_of(self.scenario)
+        return self.scenario.kind
 
     def __getitem__(self, key: str) -> Finding:
         """The finding of a key of the catalogue."""
@@ -101,7 +101,7 @@ def cell_findings(cell: Cell, tables: Tables, confidence: float) -> CellFindings
         tables: its rows by pair, the AV's first, with at least one pair: see ``sample_of``.
         confidence: two-sided confidence of each interval; 0: no intervals.
     """
-    entries = entries_of(kind_of(cell.scenario))
+    entries = entries_of(cell.scenario.kind)
     sample = sample_of(tables, cell.scenario, confidence)
 
     def found(sample: AnySample, entries: Sequence[Entry]) -> dict[str, Finding]:

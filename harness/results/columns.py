@@ -122,7 +122,7 @@ COLUMNS: Mapping[str, Callable[[Sample], Any]] = MappingProxyType({
     "every": lambda s: np.ones(s.n, dtype=bool),
     "crashed": lambda s: s["ending"] == Ending.CRASHED,
     "timed_out": lambda s: s["ending"] == Ending.TIMED_OUT,
-    "failed": lambda s: s["ending"] == Ending.ENGINE_FAILED,
+    "failed": lambda s: s["ending"] == Ending.FAILED,
     "failed_strategy": lambda s: s["failed"] & (s["failed_in"] == "strategy"),
     "ran": lambda s: ~s["failed"],
     "cut": lambda s: np.isin(s["failed_in"], ("strategy", "engine")),

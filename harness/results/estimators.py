@@ -22,8 +22,12 @@ CONFIDENCE = 0.95
 RESAMPLES, FEWEST_RESAMPLES = 4_999, 1_999
 """Bootstrap resamples: the first number up to 4,000 values, the second from 10,000 values on."""
 
-_DRAWS_IN_MEMORY, _KEPT = 500_000, 10_000
-"""Draws of a batch, and the most values whose resamples are kept: 20 MB, at high confidence 80."""
+_DRAWS_IN_MEMORY, _DRAWS = 500_000, 20_000_000
+"""Draws of a batch, and of all resamples of many values."""
+
+_KEPT, _NARROWER = 10_000, 10
+"""The most values whose resamples are kept: 20 MB, at high confidence 80.  They are fewer if tails
+are over ten times smaller than at 95 %, which takes more resamples."""
 
 _RESAMPLES_BEYOND = 20
 """At least this many resamples lie beyond each limit of an interval."""
@@ -32,6 +36,8 @@ _DIGITS = 9
 """Values that agree to this many decimals are equal, because sums have rounding errors."""
 
 _ROUNDING = 1e-9
+"""Values whose difference is below this share or number are equal, for the same reason."""
+
 _FLIPPED = 16
 """The largest differences whose signs a sign-flip test enumerates."""
 
@@ -144,7 +150,7 @@ def quantile(values: FloatArray, level: float, confidence: float) -> Finding:
     n = len(ordered)
     if n == 0:
         return Finding(None)
-    value = float(ordered[max(0, math.ceil(level * n - 1e-9) - 1)])
+    value = float(ordered[max(0, math.ceil(level * n - _ROUNDING) - 1)])
     # P(B ≤ k) for k = 0 … n − 1, with B the number of values below the population's quantile.
     at_most, tail = special.bdtr(np.arange(n), n, level), (1 - confidence) / 2
     above, below = np.flatnonzero(at_most >= 1 - tail), np.flatnonzero(at_most <= tail)
@@ -271,7 +277,7 @@ def _of_means(
         return Finding(value, n=informing) if sampling.rng is None else without
     with np.errstate(divide="ignore", invalid="ignore"):
         left_out = of((n * means[:, None] - columns) / (n - 1))
-        kept = _KEPT * min(1.0, 10 * (1 - sampling.confidence) / (1 - CONFIDENCE))
+        kept = _KEPT * min(1.0, _NARROWER * (1 - sampling.confidence) / (1 - CONFIDENCE))
         resamples = (_kept if n <= kept else _resamples)(n, sampling.rng, sampling.confidence)
         # Unlike those of BLAS, these sums do not depend on a number of threads.
         sums = (np.einsum("cn,rn->cr", columns, times) for times in resamples)
@@ -310,7 +316,7 @@ def _resamples(n: int, rng: np.random.Generator, confidence: float) -> Iterator[
     The generator is copied and keeps its state, so the same values always have the same interval.
     """
     beyond = round(_RESAMPLES_BEYOND / ((1 - confidence) / 2))
-    total = max(FEWEST_RESAMPLES, min(RESAMPLES, 20_000_000 // n), beyond)
+    total = max(FEWEST_RESAMPLES, min(RESAMPLES, _DRAWS // n), beyond)
     rng, batch = copy.deepcopy(rng), max(1, _DRAWS_IN_MEMORY // n)
     for some in (min(batch, total - begin) for begin in range(0, total, batch)):
         drawn = rng.integers(0, n, size=(some, n)) + n * np.arange(some)[:, None]

@@ -8,6 +8,7 @@ import hashlib
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from enum import StrEnum
 from functools import cache
 from pathlib import Path
 from typing import Any, NotRequired, TypedDict, cast
@@ -314,10 +315,12 @@ def code_of_rows() -> dict[str, str]:
 
 @cache
 def schema_digest() -> str:
-    """The digest of the manifest's keys and of all tables' columns, with their types."""
+    """The digest of the manifest's keys and of all tables' columns, with their types and words."""
     keys = [*Manifest.__annotations__, *SimulatedWith.__annotations__]
+    kinds = [column.kind for table in TABLES.values() for column in table.columns]
+    words = [str(word) for kind in kinds if issubclass(kind, StrEnum) for word in kind]
     columns = [table.schema.to_string() for table in TABLES.values()]
-    return _digest(repr((keys, columns)).encode())
+    return _digest(repr((keys, columns, words)).encode())
 
 
 def tried_again(folder: Path) -> int | None:

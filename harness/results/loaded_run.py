@@ -23,7 +23,7 @@ from harness.results.cell_tables import drivers, scope_of, tables_of
 from harness.results.notes import FIRST, Note, notes_of, retries
 from harness.results.place import name_of, place_in_words
 from harness.results.result import Result
-from harness.results.tables import COUNTED, TABLES_OF, RunKind, kind_of
+from harness.results.tables import COUNTED, TABLES_OF, RunKind
 from harness.scenario import Scenario, Setting, Study, study_from
 from harness.scenario.file import apply_setting
 
@@ -78,7 +78,7 @@ class Run:
     @property
     def kind(self) -> RunKind:
         """The kind of the run."""
-        return kind_of(self.study.base)
+        return self.study.base.kind
 
     def table(self, name: str) -> "pd.DataFrame":
         """A table of all cells as a frame."""

@@ -22,6 +22,10 @@ from harness.strategies.registry import fallback_of
 GROWTH = 0.05
 """A road fills if its vehicles grow by more than this share of those who come."""
 
+CHANCE, VARIANCE = 2.33, 2.5
+"""Chance explains a growth up to the normal quantile of 1 %, if the growth's variance is at most
+2.5 for each vehicle that comes: arrivals and departures vary."""
+
 DECIDED, DRIVEN = 0.9, 0.97
 """A note says who drove below these shares of steps that the strategy decided, and of passages."""
 
@@ -274,7 +278,8 @@ def _fills(cell: CellFindings) -> Iterator[Said]:
     growth = {}
     for who, end in cell.arms:
         share, due = cell[f"growth{end}"].value, cell[f"vehicles{end}"].value
-        if share is not None and due and share > max(GROWTH, 2.33 * math.sqrt(7.5 / max(due, 3))):
+        chance = CHANCE * math.sqrt(3 * VARIANCE / max(due or 0, 3))
+        if share is not None and due and share > max(GROWTH, chance):
             growth[f"{100 * share:.0f} % of those due in a third of the time ({who})"] = share
     if growth:
         text = f"The roads fill: the number of vehicles grows by {_listed([*growth])}."

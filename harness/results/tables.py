@@ -9,7 +9,6 @@ import pyarrow as pa
 
 from harness.core.vocabulary import LIMITED_BY, Arm, Contact, Ending, Leg, Side
 from harness.measures.measured import MEASURES
-from harness.scenario import Scenario
 
 Tables = dict[str, pa.Table]
 """Tables by name."""
@@ -254,8 +253,3 @@ COUNTED: Mapping[RunKind, tuple[str, ...]] = MappingProxyType({
 """The tables from which the findings of a run are computed."""
 
 TABLES = MappingProxyType({each.name: each for kind in TABLES_OF.values() for each in kind})
-
-
-def kind_of(scenario: Scenario) -> RunKind:
-    """The kind of a run of this scenario."""
-    return "encounters" if scenario.kind == "encounters" else "simulations"

@@ -6,14 +6,6 @@ from harness.scenario.scenario import Scenario
 from harness.scenario.study import Cell, Study, study_from, study_of
 
 __all__ = [
-    "Cell",
-    "EngineName",
-    "Scenario",
-    "Setting",
-    "Study",
-    "load_scenario",
-    "read_scenario_file",
-    "study_from",
-    "study_of",
-    "validate",
-]
+    "Cell", "EngineName", "Scenario", "Setting", "Study", "load_scenario", "read_scenario_file",
+    "study_from", "study_of", "validate",
+]  # fmt: skip

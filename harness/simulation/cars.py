@@ -25,6 +25,8 @@ SIGHT_M = 200.0
 LOOK_S = 1.0
 """Time between two looks at vehicles that have begun no passage, and at the watched edges."""
 
+_LEAST_MPS = 0.1
+"""The least v0 of a passage, however low the limit of its road."""
 _SAME_M = 15.0
 """The stop lines of a vehicle's lanes at one junction are this near to each other."""
 
@@ -199,7 +201,7 @@ class Passage:
         self.first, self.limited = len(self.car.speeds_mps) - 1, tuple(self.car.limited)
         self.vehicle = replace(
             self.car.vehicle,
-            initial_speed_mps=max(self.car.limit_mps(self.connection.limit_mps), 0.1),
+            initial_speed_mps=max(self.car.limit_mps(self.connection.limit_mps), _LEAST_MPS),
             length_m=self.zone.body_m,
             width_m=self.zone.width_m,
             trigger_range_m=range_m,

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from harness.core.actuation import CUT_MPS, Actuator
 from harness.core.errors import StrategyError
 from harness.core.vocabulary import ACTUATOR, LANE, LEADER, RIGHT_OF_WAY, STRATEGY, Strategy
-from harness.encounter.driver import Driver, answer_of, within_limits
+from harness.encounter.driver import Driver, answer_of
 from harness.engine.plain import slowing_mps
 from harness.engine.session import Session
 from harness.simulation.cars import Car, Passage
@@ -49,10 +49,9 @@ class Control:
             self.release(car)
             return
         if car.actuator is None:
-            vehicle, gain_mps2 = car.vehicle, car.acceleration_mps2
-            obeyed_mps2 = within_limits(vehicle, gain_mps2)
-            actuator = Actuator(vehicle, self._step_s, car.speed_mps, gain_mps2, obeyed_mps2)
-            car.actuator = actuator
+            gain_mps2 = car.acceleration_mps2
+            kept_mps2 = car.vehicle.within_limits(gain_mps2)
+            car.actuator = Actuator(car.vehicle, self._step_s, car.speed_mps, gain_mps2, kept_mps2)
         self._driven[car.name] = car
         self._ignore(car)
         end_m = max(each.last_m for each in driven)

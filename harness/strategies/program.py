@@ -18,9 +18,6 @@ from harness.core.errors import InputError, reason_of
 from harness.core.vocabulary import Crossing, Observation, StrategyFactory, Vehicle
 from harness.scenario.consistency import PROGRAM
 
-SCHEMA_FILE = Path(__file__).with_name("observation.schema.json")
-"""The schema of a line."""
-
 _NEWLINE = b"\n"
 """It ends every message."""
 _LONGEST_ANSWER_BYTES = 1_000

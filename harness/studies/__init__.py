@@ -32,4 +32,4 @@ def resumed(path: Path, **options: Any) -> "Result":
         return resume(path, **options).result()
     from harness.studies.risk import estimate
 
-    return estimate.resumed(path, **options)
+    return estimate.resume_risk(path, **options)

@@ -128,7 +128,7 @@ class Play:
             constants_of(scenario, Arm.HUMAN),
         )
         self.trace = drive(episode, self)
-        if self.trace.ending is Ending.ENGINE_FAILED:
+        if self.trace.ending is Ending.FAILED:
             raise self.stopped(str(self.trace.reason))
         return self
 

@@ -103,7 +103,7 @@ def evaluate(
         found = cell_findings(task.cells[0], {"episodes": rows}, confidence).findings
         values = flat(found) if intervals else {key: each.value for key, each in found.items()}
         known: dict[str, Any] = {k: math.nan if one is None else one for k, one in values.items()}
-        failed = rows.filter(pc.equal(rows["ending"], Ending.ENGINE_FAILED.value)).to_pylist()
+        failed = rows.filter(pc.equal(rows["ending"], Ending.FAILED.value)).to_pylist()
         whys = (f"pair {row['pair']} {row['arm']}: {row['reason']}" for row in failed)
         frame.append({**as_plain(given), **known, "failure": next(whys, None)})
     return pd.DataFrame(frame)

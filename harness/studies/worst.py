@@ -110,7 +110,7 @@ def _ranked(
     else:
         rows = run.episodes.rename(columns={"strategy": "driver"})
     of_arm = rows[(rows["arm"] == arm) & (cell is None or rows["cell"] == cell)]
-    rows = of_arm[of_arm["ending"] != Ending.ENGINE_FAILED]
+    rows = of_arm[of_arm["ending"] != Ending.FAILED]
     if rows.empty and run.kind == "simulations":
         raise InputError(str(run.path), "has no such passage", "another arm, cell or driver")
     if rows.empty:

@@ -27,7 +27,7 @@ def scenes(parts: int = 1) -> dict[str, Trace]:
 
     out = Ending.TIMED_OUT
     waiting = Walk(Arrival(0, 1.0, NEAR, 0.5))
-    failed = replace(scene(CRUISE, (0.0, FAR, 1.0)), ending=Ending.ENGINE_FAILED, reason="lost")
+    failed = replace(scene(CRUISE, (0.0, FAR, 1.0)), ending=Ending.FAILED, reason="lost")
     return {
         "nobody": scene(CRUISE),
         "one who leaves in time": scene(CRUISE, (0.0, NEAR, 1.5)),

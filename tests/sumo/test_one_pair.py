@@ -78,7 +78,7 @@ def test_a_debugger_stops_in_decide_and_goes_on(
         settings = {"experiment.decide_limit_s": 0.1, "experiment.pairs": 1}
         settings["arms.av"] = names["Mine"]
         found = harness.run_pair("cctc", 0, settings=settings, engine="plain")
-        assert found.av.record.ending is not Ending.ENGINE_FAILED
+        assert found.av.record.ending is not Ending.FAILED
         assert "30.0" in said.getvalue()
         # In a whole run of this process, too.
         out = tmp_path / "run"

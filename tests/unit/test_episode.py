@@ -150,11 +150,11 @@ def raises(_: Observation) -> float:
 def test_a_strategy_that_fails_ends_its_episode_with_a_reason(command, says: str) -> None:
     late = Recorder(lambda seen: command(seen) if seen.time_s > 1.05 else 0.0)
     trace = play(late, [(0.0, Side.NEAR, 1.0)])
-    assert trace.ending is Ending.ENGINE_FAILED
+    assert trace.ending is Ending.FAILED
     assert len(trace.reason.splitlines()) == 1
     assert re.search(says, trace.reason)
     (record,) = measure([trace])
-    assert (record.ending, record.reason) == ("engine_failed", trace.reason)
+    assert (record.ending, record.reason) == ("failed", trace.reason)
     assert (record.pass_time_s, record.delay_s) == (None, None)
     # The states up to there are kept.
     assert len(trace.x_m) == 12
@@ -192,8 +192,8 @@ class Failing(PlainEngine):
 def test_an_engine_that_fails_ends_its_episode_with_a_reason(at: str) -> None:
     arrivals = [Arrival(0, 0.0, Side.NEAR, 0.5), Arrival(1, 2.04, Side.FAR, 0.5)]
     trace = episode(scenario(), ConstantSpeed(), arrivals, lambda *_: 2.5, engine=Failing(at))
-    assert (trace.ending, trace.failed_in) == (Ending.ENGINE_FAILED, "engine")
+    assert (trace.ending, trace.failed_in) == (Ending.FAILED, "engine")
     assert trace.reason in {"no ego", "lost ego", "lost pedestrian 0", "no end"}
     (record,) = measure([trace])
     unknown = {count is None for count in (record.steps, record.pedestrians, record.clamped)}
-    assert (record.ending, record.contact, unknown) == ("engine_failed", None, {at == "begin"})
+    assert (record.ending, record.contact, unknown) == ("failed", None, {at == "begin"})

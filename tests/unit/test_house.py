@@ -22,17 +22,17 @@ from harness.results.folder import COMPUTES
 CHECKOUT = Path(__file__).parents[2]
 CODE = {"harness": 19_000, "tests": 13_000, "benchmarks": 1_700, "docs": 600, "examples": 201}
 ROOMS = {
-    "core": 576,
+    "core": 580,
     "scenario": 1_016,
     "model": 2_020,
     "strategies": 1_305,
     "engine": 1_280,
-    "encounter": 1_040,
+    "encounter": 1_036,
     "measures": 1_190,
     "simulation": 1_560,
     "site": 280,
-    "results": 2_113,
-    "report": 1_736,
+    "results": 2_118,
+    "report": 1_731,
     "rl": 170,
     "cli": 700,
     "studies": 4_152,

@@ -52,17 +52,15 @@ def test_times_of_acceleration_of_a_place_and_of_a_time_out() -> None:
 
 def test_failed_episodes_and_those_without_pedestrians() -> None:
     # Its walker would be hit at 5.95 s, had anything worked.
-    result = record(
-        [0.0] * 76, [(0.0, Side.FAR, 1.0)], ending=Ending.ENGINE_FAILED, reason="SUMO lost it"
-    )
-    assert (result.ending, result.reason) == ("engine_failed", "SUMO lost it")
+    result = record([0.0] * 76, [(0.0, Side.FAR, 1.0)], ending=Ending.FAILED, reason="SUMO lost it")
+    assert (result.ending, result.reason) == ("failed", "SUMO lost it")
     assert (result.pass_time_s, result.contact, result.contact_time_s) == (None, None, None)
     result = cruise()
     for name in ("min_gap_m", "min_ttc_s", "min_time_advantage_s", "pet_s", "contact_index"):
         assert getattr(result, name) is None
     assert (result.pedestrians, result.stops, result.stopped_s) == (0, 0, 0.0)
     assert result.max_deceleration_mps2 == 0.0
-    result = record([], ending=Ending.ENGINE_FAILED)  # before its first step
+    result = record([], ending=Ending.FAILED)  # before its first step
     assert (result.steps, result.stops, result.stopped_s) == (0, None, None)
 
 

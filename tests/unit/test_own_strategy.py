@@ -166,7 +166,7 @@ def test_an_error_ends_its_episode_with_its_own_traceback(write: Write, model) -
             assert (outcome.record.ending, outcome.trace.traceback) == (Ending.CROSSED, None)
             continue
         line = 1 + MODULE[: MODULE.index("raise KeyError")].count("\n")
-        assert outcome.record.ending is Ending.ENGINE_FAILED
+        assert outcome.record.ending is Ending.FAILED
         expected = rf"the strategy raised KeyError: 'two\nlines' at t = 0.400 s (mine_h.py:{line})"
         assert outcome.record.reason == expected
         traceback = outcome.trace.traceback

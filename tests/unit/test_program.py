@@ -21,6 +21,7 @@ from harness.studies.checks import check_strategy
 from tests.scenes import on_plain, refusal_of
 
 EXAMPLES = Path(driver.__file__).parent
+SCHEMA = Path(program.__file__).with_name("observation.schema.json")
 
 BUSY = {"pedestrians.flow_per_hour": 800, "experiment.timeout_s": 60.0}
 
@@ -79,7 +80,7 @@ def fields_in(schema: dict[str, Any]) -> Any:
 def test_every_line_has_the_fields_of_the_schema(model) -> None:
     Inside.seen.clear()
     traces(Inside, model)
-    schema = json.loads(program.SCHEMA_FILE.read_text(encoding="utf-8"))
+    schema = json.loads(SCHEMA.read_text(encoding="utf-8"))
     assert max(len(seen.pedestrians) for seen in Inside.seen) > 1
     for seen in Inside.seen:
         line = program.line_of(seen)
@@ -139,7 +140,7 @@ def test_the_example_in_cpp_drives_as_the_one_in_python(here: Path, model) -> No
 )
 def test_a_program_that_misbehaves_fails_in_its_episode(text: str, said: str, model) -> None:
     for trace in traces(write("bad.py", text), model, pairs=2):
-        assert trace.ending is Ending.ENGINE_FAILED
+        assert trace.ending is Ending.FAILED
         assert said in str(trace.reason)
 
 
@@ -153,7 +154,7 @@ def test_a_program_that_ended_is_started_again(model) -> None:
         "[print(0.0, flush=True) for _ in sys.stdin]",
     )
     endings = [trace.ending for trace in traces(name, model, pairs=2)]
-    assert endings == [Ending.ENGINE_FAILED, Ending.CROSSED]
+    assert endings == [Ending.FAILED, Ending.CROSSED]
 
 
 @pytest.mark.parametrize(

@@ -236,7 +236,7 @@ def test_a_crash_is_in_events_of_small_values() -> None:
         event = parse_event(text)
         assert event.holds(Record(Ending.CRASHED))
         assert not event.holds(Record(Ending.CROSSED))
-        failed = Record(Ending.ENGINE_FAILED, pet_s=0.0, min_ttc_s=0.0, min_gap_m=0.0)
+        failed = Record(Ending.FAILED, pet_s=0.0, min_ttc_s=0.0, min_gap_m=0.0)
         assert not event.holds(failed)
     speed = parse_event("contact_speed_mps > 5")
     assert not speed.holds(Record(Ending.CRASHED, contact_speed_mps=3.0))

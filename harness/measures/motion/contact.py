@@ -63,9 +63,7 @@ def first_contact_in_step_s(
     length, right, left = body
     radius = PEDESTRIAN_RADIUS_M
     front = Motion(  # pedestrian ahead of bumper
-        walker_x.place_m - ego.place_m,
-        walker_x.speed_mps - ego.speed_mps,
-        -ego.acceleration_mps2,
+        walker_x.place_m - ego.place_m, walker_x.speed_mps - ego.speed_mps, -ego.acceleration_mps2
     )
     ahead_range, across_range = _range(front, duration_s), _range(walker_y, duration_s)
     # Only pieces near the path can have a root; finding roots is expensive.
@@ -164,10 +162,7 @@ def time_to_collision_s(
                 (ahead_m, y_m), (ahead_mps, y_mps), (-length - radius, radius), (right, left)
             ),
             _enters_rectangle(
-                (ahead_m, y_m),
-                (ahead_mps, y_mps),
-                (-length, 0.0),
-                (right - radius, left + radius),
+                (ahead_m, y_m), (ahead_mps, y_mps), (-length, 0.0), (right - radius, left + radius)
             ),
         ]
         for corner_x_m in (0.0, -length):

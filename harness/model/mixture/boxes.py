@@ -87,7 +87,8 @@ def _standard_box(correlations: FloatArray, a: FloatArray, b: FloatArray) -> Flo
         return interval(a[:, 0], b[:, 0])
     if dimension == 2:
         return _rectangle(a, b, correlations[:, 0, 1])
-    parts = [_by_path(correlations[at], a[at], b[at]) for at in _chunks(count)]
+    chunks = (slice(at, at + _CHUNK) for at in range(0, count, _CHUNK))
+    parts = [_by_path(correlations[at], a[at], b[at]) for at in chunks]
     return np.clip(np.concatenate(parts), 0.0, 1.0) if parts else np.empty(0)
 
 
@@ -137,10 +138,6 @@ def _corner_sums(
     terms = sign * density[box, pair, i, j] * inside
     sums = np.bincount(box * first.size + pair, terms, count * first.size)
     return np.asarray(sums, dtype=np.float64).reshape(count, first.size)
-
-
-def _chunks(count: int) -> list[slice]:
-    return [slice(at, at + _CHUNK) for at in range(0, count, _CHUNK)]
 
 
 def _by_path(correlations: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from scipy.special import log_ndtr
 from harness.core.errors import InputError
 from harness.core.vocabulary import FloatArray
 from harness.model.mixture.boxes import box_probability
-from harness.model.mixture.distribution import TruncatedGaussianMixture
+from harness.model.mixture.distribution import TruncatedGaussianMixture, log_sum
 from harness.model.mixture.tabulated import TabulatedDensity
 
 _SMALLEST_TOTAL = 1e-7
@@ -205,9 +205,7 @@ class Conditional:
         if self._rest_lower.size:
             centre = np.moveaxis(means[:, 1:] + self._rest_slopes[:, :, None] * away[:, None], 2, 1)
             logs += self._log_inside(self._rest_lower - centre, self._rest_upper - centre)
-        largest = logs.max(axis=0)
-        result: FloatArray = largest + np.log(np.exp(logs - largest).sum(axis=0))
-        return result
+        return log_sum(logs)
 
     def _log_inside(self, lower: FloatArray, upper: FloatArray) -> FloatArray:
         """Log probability (K, n) that the other variables are in bounds (K, n, r) about them."""

@@ -116,9 +116,7 @@ class TruncatedGaussianMixture:
         constant = np.log(self.weights / self.masses) - np.log(diagonals).sum(axis=1)
         constant -= 0.5 * dimension * np.log(2.0 * np.pi)
         terms = constant[:, None] - 0.5 * squares
-        largest = terms.max(axis=0)
-        logs = largest + np.log(np.exp(terms - largest).sum(axis=0))
-        return np.where(self._inside(points), logs, -np.inf)
+        return np.where(self._inside(points), log_sum(terms), -np.inf)
 
     def sample(self, n: int, rng: np.random.Generator) -> FloatArray:
         """n independent draws, (n, d), all inside the box, in random order.
@@ -155,6 +153,12 @@ class TruncatedGaussianMixture:
     def _moments(self) -> tuple[FloatArray, FloatArray]:
         """Means (K, d) and covariances (K, d, d) of the truncated components."""
         return moments(self.locations, self.scale_matrices, self.lower, self.upper)[1:]
+
+
+def log_sum(terms: FloatArray) -> FloatArray:
+    """The logarithm of the sum over the first axis of numbers with these logarithms."""
+    largest = terms.max(axis=0)
+    return np.asarray(largest + np.log(np.exp(terms - largest).sum(axis=0)))
 
 
 def _numbers(name: str, values: ArrayLike) -> FloatArray:

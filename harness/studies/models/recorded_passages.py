@@ -202,21 +202,16 @@ class _Record:
         speed = np.polyfit(time_s[begun], x_m[begun], min(2, near - 1))[-2]
         start_mps = round(max(0.0, float(speed)), 9)
         states.setflags(write=False)
-        return RecordedPassage(
-            (self.clip.source, self.clip.name, self.key),
-            fingerprint(track),
-            replace(
-                self.limits,
-                initial_speed_mps=max(start_mps, round(_free_speed(time_s, x_m), 9)),
-                trigger_range_m=range_m,
-                detection_range_m=max(self.limits.detection_range_m, range_m),
-                length_m=track.length_m,
-            ),
-            start_mps,
-            crossing,
-            states,
-            tuple(people),
+        vehicle = replace(
+            self.limits,
+            initial_speed_mps=max(start_mps, round(_free_speed(time_s, x_m), 9)),
+            trigger_range_m=range_m,
+            detection_range_m=max(self.limits.detection_range_m, range_m),
+            length_m=track.length_m,
         )
+        which = self.clip.source, self.clip.name, self.key
+        seen = fingerprint(track), vehicle, start_mps, crossing, states, tuple(people)
+        return RecordedPassage(which, *seen)
 
     def _states(self, time_s: FloatArray, x_m: FloatArray, passed_m: float) -> FloatArray | str:
         """The recorded position at every step until the front is at ``passed_m``, or why not.

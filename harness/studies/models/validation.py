@@ -251,7 +251,7 @@ def drives_of(
 
             strategy = named_strategy(scenario, name, models[number], own_rng)
             trace = _simulated(passage, strategy, step_s)
-            if trace.ending is Ending.ENGINE_FAILED:
+            if trace.ending is Ending.FAILED:
                 raise HarnessError(f"{name} in {'/'.join(passage.vehicle_id)}: {trace.reason}")
             now = str((rng.bit_generator.state, rng.bit_generator.seed_seq))
             drew = drew or now != begun

@@ -179,10 +179,10 @@ def risk(
     )
     path = claimed_folder.claim_folder(out, f"{study.name}-risk")
     folders.write_manifest(path, manifest)
-    return resumed(path, workers=workers, executor=executor, progress=progress)
+    return resume_risk(path, workers=workers, executor=executor, progress=progress)
 
 
-def resumed(
+def resume_risk(
     path: Path,
     *,
     workers: int | None = None,

@@ -63,7 +63,7 @@ class Event(NamedTuple):
     def holds(self, record: EpisodeRecord) -> bool:
         """Whether an episode ended in the event."""
         value = None if self.measure is None else getattr(record, self.measure)
-        if value is None or record.ending is Ending.ENGINE_FAILED:
+        if value is None or record.ending is Ending.FAILED:
             return record.ending is Ending.CRASHED and self.below
         return bool(value < self.limit if self.below else value > self.limit)
 
@@ -75,7 +75,7 @@ class Event(NamedTuple):
         contact; where one is undefined it is 100 plus the gap, or +∞ if nobody stepped off.  For
         another event it is the distance from the limit in the measure's unit.
         """
-        if record.ending is Ending.ENGINE_FAILED:
+        if record.ending is Ending.FAILED:
             return NEVER
         gap_m, drac = record.min_gap_m, record.max_drac_mps2
         far = math.inf if gap_m is None else _NEVER_NEAR + gap_m

@@ -15,7 +15,6 @@ from harness.core.versions import versions_of_runs
 from harness.model.interaction import InteractionModel
 from harness.results import folder as folders
 from harness.results.estimators import CONFIDENCE
-from harness.results.tables import kind_of
 from harness.scenario import EngineName, Study
 from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import find_strategy, source_digests
@@ -114,7 +113,7 @@ def manifest_of(
     know = [name for name in study.driven if knows_the_model(find_strategy(name, "arms"))]
     document: folders.Manifest = {
         "schema": folders.schema_digest(),
-        "kind": kind_of(study.base) if risk is None else "risk",
+        "kind": study.base.kind if risk is None else "risk",
         "name": study.name,
         "scenario": study.base.model_dump(),
         "cells": [dict(cell.varied) for cell in study.cells],

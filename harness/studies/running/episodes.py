@@ -105,7 +105,7 @@ def _simulated(task: Task, runners: Sequence[Runner], tell: Tell) -> TaskRows:
                     "traceback": outcome.trace.traceback,
                 }
                 for outcome in outcomes
-                if outcome.record.ending is Ending.ENGINE_FAILED
+                if outcome.record.ending is Ending.FAILED
             ]
     tables = {
         number: {name: pa.concat_tables([each[name] for each in found]) for name in found[0]}

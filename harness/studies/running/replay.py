@@ -225,7 +225,7 @@ def replayed(run: Run, task: Task, rows: TaskRows) -> Replayed:
     (episode,) = tables[TABLES_OF[run.kind][0].name].to_pylist()
     failed = episode["reason"] is not None
     if run.kind == "encounters":
-        failed = episode["ending"] == Ending.ENGINE_FAILED and not episode["steps"]
+        failed = episode["ending"] == Ending.FAILED and not episode["steps"]
     return Replayed(name, found, episode["reason"] if failed and found else None, traceback)
 
 
