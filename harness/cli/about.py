@@ -47,7 +47,7 @@ def network(
 def crossings(
     file: Annotated[Path, Argument(help="A SUMO configuration (.sumocfg).")],
     write: options.WriteOption = None,
-    edge: options.EdgeOption = None,
+    edges: options.EdgeOption = None,
     every: Annotated[bool, Option("--all", help="Also list unusable crosswalks.")] = False,
     as_json: options.JsonOption = False,
 ) -> None:
@@ -60,12 +60,12 @@ def crossings(
     from harness.engine.installation import scratch_folder
     from harness.simulation.listing import crossings_of, scenario_text
 
-    if (write is None) != (not edge):
-        option, missing = ("--write", "--edge") if not edge else ("--edge", "--write")
+    if (write is None) != (not edges):
+        option, missing = ("--write", "--edge") if not edges else ("--edge", "--write")
         raise InputError(option, f"needs {missing}", f"both, or neither to list {file}")
     if write is not None:
         with unwinding():
-            write_new(write, scenario_text(file, edge or [], seen_from(file, write.parent)))
+            write_new(write, scenario_text(file, edges or [], seen_from(file, write.parent)))
         show_rows("crossings", [{"scenario": str(write)}], quiet=True, as_json=as_json)
         return
     with unwinding(), scratch_folder() as scratch:
@@ -80,14 +80,14 @@ def crossings(
 
 
 def strategies(
-    check: options.CheckOption = None,
+    strategy: options.CheckOption = None,
     scenario: options.ScenarioOption = "cctc",
     settings: options.SetOption = None,
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
     """List strategies with their parameters, or check one (--check)."""
-    if check is None:
+    if strategy is None:
         if settings or scenario != "cctc":
             option = "--set" if settings else "--scenario"
             raise InputError(option, "needs --check", f"--check STRATEGY with {option}")
@@ -100,10 +100,10 @@ def strategies(
     from harness.strategies.registry import KNOWS_THE_MODEL, find_strategy
     from harness.studies.checks import check_strategy
 
-    verdicts = check_strategy(check, None, scenario, options.settings_of(settings))
+    verdicts = check_strategy(strategy, None, scenario, options.settings_of(settings))
     rows = [each.row for each in verdicts]
-    title = f"{check}: the rules that make results repeatable"
-    closing = [KNOWS_THE_MODEL] if knows_the_model(find_strategy(check, "--check")) else []
+    title = f"{strategy}: the rules that make results repeatable"
+    closing = [KNOWS_THE_MODEL] if knows_the_model(find_strategy(strategy, "strategy")) else []
     show_rows("strategies", rows, quiet=quiet, as_json=as_json, title=title, closing=closing)
     if any(each.problem for each in verdicts):
         raise Exit(1)

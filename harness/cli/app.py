@@ -13,7 +13,7 @@ from typer.exceptions import Abort, Exit, TyperException
 
 from harness.cli.interruption import LINE, BrokenOffError, exit_code
 from harness.cli.output import say
-from harness.core.errors import HarnessError, InputError, one_line
+from harness.core.errors import HarnessError, InputError, Parameter, one_line
 
 COMMANDS: Mapping[str, str] = MappingProxyType({
     command: module
@@ -80,8 +80,9 @@ def main() -> None:
         if code == _INTERRUPTED:
             raise KeyboardInterrupt
     except InputError as error:
-        if (given := error.parameter) and (option := _options(app).get(given.name)):
-            error = error.at(given.named(option, " "))
+        given = error.place
+        if isinstance(given, Parameter) and (option := _options(app).get(given.name)):
+            error = error.at(given._replace(name=option))
         say(one_line(f"harness: {error}"))
         code = 2
     except TyperException as error:

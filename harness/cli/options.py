@@ -20,10 +20,11 @@ _VARY = (
 )
 
 ScenarioArgument = Annotated[str, Argument(help=_SCENARIO)]
+StudyArgument = Annotated[str, Argument(help=f"{_SCENARIO} Or a run folder, for its study.")]
 RunArgument = Annotated[Path, Argument(metavar="RUN", help="A run folder.")]
 
 _CHECK = "Check whether a strategy keeps the rules; your own is my_module:MyStrategy."
-CheckOption = Annotated[str | None, Option(help=_CHECK, metavar="STRATEGY")]
+CheckOption = Annotated[str | None, Option("--check", help=_CHECK, metavar="STRATEGY")]
 ScenarioOption = Annotated[str, Option(help="With --check: scenario with crosswalk and ego.")]
 SetOption = Annotated[list[str] | None, Option("--set", help=_SET, metavar="KEY=VALUE")]
 ThresholdOption = Annotated[
@@ -73,7 +74,7 @@ _BOUNDS = "Bounds of a variable, e.g. vehicle_speed_mps=0.3:14 or inverse_range_
 BoundsOption = Annotated[list[str] | None, Option(help=_BOUNDS, metavar="NAME=LOW:HIGH")]
 
 WriteOption = Annotated[Path | None, Option(help="A new scenario file.", metavar="SCENARIO.toml")]
-EdgeOption = Annotated[list[str] | None, Option(help="A crosswalk to write. Repeatable.")]
+EdgeOption = Annotated[list[str] | None, Option("--edge", help="A crosswalk to write. Repeatable.")]
 
 GuiOption = Annotated[bool, Option("--gui", help="Show in sumo-gui, one arm after the other.")]
 DebugOption = Annotated[bool, Option("--debug", help="Run in this process: breakpoint() works.")]
@@ -91,14 +92,9 @@ def settings_of(
     settings: list[str] | None, pairs: int | None = None, seed: int | None = None
 ) -> "list[Setting]":
     """The changes of --set, --pairs and --seed in the order of application."""
-    from harness.scenario import Setting
-    from harness.scenario.file import parse_setting
+    from harness.scenario.file import as_settings, parse_setting
 
-    given = {"experiment.pairs": ("--pairs", pairs), "experiment.seed": ("--seed", seed)}
-    return [
-        *map(parse_setting, settings or []),
-        *(Setting(key, value, name) for key, (name, value) in given.items() if value is not None),
-    ]
+    return as_settings([*map(parse_setting, settings or [])], pairs=pairs, seed=seed)
 
 
 def changes_of(settings: list[str] | None) -> dict[str, Any]:

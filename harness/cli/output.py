@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from typer import Exit
 
-from harness.core.errors import one_line
+from harness.core.errors import in_shell, one_line
 
 if TYPE_CHECKING:
     from harness.results.result import Result
@@ -59,8 +59,8 @@ def print_line(text: str) -> None:
 
 
 def say(text: str) -> None:
-    """Print a remark on stderr."""
-    sys.stderr.write(text + "\n")
+    """Print a remark on stderr, with commands in place of calls."""
+    sys.stderr.write(in_shell(text) + "\n")
 
 
 @contextmanager

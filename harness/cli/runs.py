@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def run(
-    scenario: options.ScenarioArgument,
+    scenario: options.StudyArgument,
     vary: options.VaryOption = None,
     out: options.OutOption = None,
     pairs: Annotated[int | None, Option(help="Pairs per cell, instead of the scenario's.")] = None,
@@ -39,15 +39,15 @@ def run(
         # They import their modules while this process imports its own.
         children.start_children(local.workers_for(workers, pairs))
     try:
-        from harness.scenario import read_scenario_file, study_of
+        from harness.scenario import study_of
         from harness.scenario.variation import parse_variation
+        from harness.studies.running.run import run as run_study, scenario_file
 
-        file = read_scenario_file(scenario, settings_of(settings, pairs, seed))
+        file = scenario_file(scenario, settings_of(settings, pairs, seed))
         variations = [parse_variation(text) for text in vary or []]
         study = study_of(file, variations)
         if vary and file.sweep is not None:
             say(f"note: --vary replaces the [sweep] of {file.source}")
-        from harness.studies.running.run import run as run_study
 
         bar = progress_bar(quiet or as_json)
         with bar as advance, unwinding(), _cluster(dask, workers, study.driven) as cluster:
@@ -86,7 +86,7 @@ def resume(
 
 
 def risk(
-    scenario: options.ScenarioArgument,
+    scenario: options.StudyArgument,
     event: options.EventOption = "crashed",
     arm: options.ArmOption = "av",
     target_cv: Annotated[float, Option(help="Target: standard error / probability.")] = 0.1,
@@ -102,10 +102,11 @@ def risk(
 ) -> None:
     """Estimate the probability of a rare event in an episode."""
     from harness.core.vocabulary import Arm
-    from harness.scenario import read_scenario_file, study_of
+    from harness.scenario import study_of
     from harness.studies.risk.estimate import risk as estimate
+    from harness.studies.running.run import scenario_file
 
-    study = study_of(read_scenario_file(scenario, settings_of(settings, None, seed)))
+    study = study_of(scenario_file(scenario, settings_of(settings, None, seed)))
     bar = progress_bar(quiet or as_json, "parts")
     with bar as advance, unwinding(), _cluster(dask, workers, study.driven) as cluster:
         result = estimate(

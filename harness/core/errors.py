@@ -5,6 +5,7 @@ name, the nearest valid name.
 """
 
 import difflib
+import re
 import shlex
 import traceback
 from collections.abc import Iterable, Iterator
@@ -21,29 +22,34 @@ class HarnessError(Exception):
 
 
 class Parameter(NamedTuple):
-    """A function's parameter, and its value unless the problem has it; a command has an option."""
+    """A function's parameter, and its value or a key in it; a command has an option instead.
+
+    >>> str(Parameter("by", "pet_s"))
+    'by pet_s'
+    """
 
     name: str
     value: object = None
 
-    def named(self, name: str, joined: str = "=") -> str:
-        """The place of an error, with this name.
-
-        >>> Parameter("by", "pet_s").named("--by", " ")
-        '--by pet_s'
-        """
-        return name if self.value is None else f"{name}{joined}{self.value}"
+    def __str__(self) -> str:
+        """The place of an error: the value is left out if the problem has it."""
+        return self.name if self.value is None else f"{self.name} {self.value}"
 
 
-Place = str | Parameter
-"""The file, key or option of an error, or the parameter of the function that refuses it."""
+Place = str | Path | Parameter
+"""The file or key of an error, or the parameter of the function that refuses it."""
+
+
+def inside(place: Place, key: str) -> Place:
+    """The place of a key in a parameter or in anything else that holds keys."""
+    return place._replace(value=key) if isinstance(place, Parameter) else f"{place} {key}"
 
 
 class InputError(HarnessError):
     """The user's input is refused; the command line prints one line and exits with code 2.
 
     Args:
-        where: the place, e.g. ``cctc.toml: pedestrians.flow_per_hour``; kept as text.
+        where: the place, e.g. ``cctc.toml: pedestrians.flow_per_hour``; ``where`` is its text.
         problem: the problem there, with the value.
         allowed: the values that are accepted.
         nearest: the valid name closest to a misspelt one.
@@ -52,21 +58,21 @@ class InputError(HarnessError):
     def __init__(
         self, where: Place, problem: str, allowed: str | None = None, nearest: str | None = None
     ) -> None:
-        self.parameter = where if isinstance(where, Parameter) else None
-        self.where = where.named(where.name) if isinstance(where, Parameter) else where
+        self.place = where
+        self.where = str(where)
         self.problem = problem
         self.allowed = allowed
         self.nearest = nearest
         hints = allowed and f"allowed: {allowed}", nearest and f"did you mean {nearest!r}?"
         super().__init__(one_line("; ".join([f"{self.where}: {problem}", *filter(None, hints)])))
 
-    def at(self, where: str) -> Self:
+    def at(self, where: Place) -> Self:
         """The same error at another place."""
         return type(self)(where, self.problem, self.allowed, self.nearest)
 
     def __reduce__(self) -> tuple[type[Self], tuple[Place | None, ...]]:
         """Its parts, so that it may come from another process."""
-        return type(self), (self.parameter or self.where, self.problem, self.allowed, self.nearest)
+        return type(self), (self.place, self.problem, self.allowed, self.nearest)
 
 
 class EngineError(HarnessError):
@@ -104,7 +110,7 @@ class InterruptedRunError(KeyboardInterrupt):
     """
 
     def __init__(self, folder: object) -> None:
-        super().__init__(f"interrupted; to continue: {resume_command(folder)}")
+        super().__init__(f"interrupted; to continue: {advised('resume', folder)}")
 
 
 @contextmanager
@@ -158,9 +164,21 @@ def reason_of(error: Exception) -> str:
     return getattr(error, "strerror", None) or one_line(str(error))
 
 
-def resume_command(folder: object) -> str:
-    """The shell command that resumes a run."""
-    return f"harness resume {shlex.quote(str(folder))}"
+def advised(function: str, folder: object) -> str:
+    """The call that an error advises to make of a folder; the command line shows a command.
+
+    >>> advised("resume", "runs/cctc-1"), in_shell(advised("resume", "my runs/1"))
+    ('harness.resume("runs/cctc-1")', "harness resume 'my runs/1'")
+    """
+    return f'harness.{function}("{folder}")'
+
+
+def in_shell(text: str) -> str:
+    """A text with commands of the shell in place of the calls that ``advised`` makes."""
+    return _ADVISED.sub(lambda call: f"harness {call[1]} {shlex.quote(call[2])}", text)
+
+
+_ADVISED = re.compile(r'harness\.(\w+)\("(.+?)"\)')
 
 
 def unknown_name(where: Place, kind: str, name: str, valid: Iterable[str]) -> InputError:

@@ -109,9 +109,8 @@ _NOT_THERE = (errno.EROFS, errno.EACCES, errno.EPERM, errno.EEXIST, errno.ENOENT
 """Errors that only another path avoids.  The user can repair others, such as a full disk."""
 
 
-def cannot_write(path: Path | Parameter, error: OSError) -> HarnessError:
+def cannot_write(where: Path | Parameter, error: OSError) -> HarnessError:
     """The error for a file or folder that cannot be written."""
     why = f"cannot be written ({reason_of(error)})"
-    where = path if isinstance(path, Parameter) else str(path)
     refused = InputError(where, why, "a writable place")
     return refused if error.errno in _NOT_THERE else HarnessError(f"{refused.where}: {why}")

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from harness.core.errors import Parameter, unknown_name
 from harness.core.freezing import Frozen
 from harness.results.catalogue import ENTRY_OF, AnySample, Entry, entries_of
 from harness.results.columns import Sample
@@ -37,7 +38,13 @@ class CellFindings(Frozen):
         return self.scenario.kind
 
     def __getitem__(self, key: str) -> Finding:
-        """The finding of a key of the catalogue."""
+        """The finding of a key of the catalogue.
+
+        Raises:
+            InputError: the cell has no such finding.
+        """
+        if key not in self.findings:
+            raise unknown_name(Parameter("key"), "finding", key, self.findings)
         return self.findings[key]
 
     @property
@@ -51,7 +58,7 @@ class CellFindings(Frozen):
         What is undefined because every pair failed adds nothing: the first note says so.
 
         Raises:
-            KeyError: only runs of other kinds have it.
+            InputError: only runs of other kinds have it.
         """
         own = (self[name] for name in ENTRY_OF[key].keys[:2])
         return sum(finding.count for finding in own if finding.value is not None)

@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from harness.core.documents import JsonObject, as_plain, parse_json
-from harness.core.errors import InputError, one_line, resume_command
+from harness.core.errors import InputError, advised, one_line
 from harness.core.files import PACKAGE, cannot_write, read_file, whole_file, write_csv, write_file
 from harness.core.versions import versions_of_fits
 from harness.core.vocabulary import Arm
@@ -100,8 +100,12 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
     write_file(folder / MANIFEST, _json(manifest))
 
 
-def read_manifest(folder: Path) -> Manifest:
+def read_manifest(folder: Path, old: bool = False) -> Manifest:
     """The manifest of a run folder.
+
+    Args:
+        folder: the folder.
+        old: whether a run whose tables have other columns than today's is wanted, too.
 
     Raises:
         InputError: the folder holds no run, its tables have other columns, or its manifest has
@@ -110,9 +114,9 @@ def read_manifest(folder: Path) -> Manifest:
     path = folder / MANIFEST
     if not path.is_file():
         raise InputError(str(folder), "is not a run folder", f"a folder with {MANIFEST}")
-    document = _read(path, "as the run wrote it: run its scenario again")
-    if document.get("schema") != schema_digest():
-        allowed = "those of this version: run its scenario again"
+    document = _read(path, "as the run wrote it")
+    if document.get("schema") != schema_digest() and not old:
+        allowed = f"those of this version: `{advised('run', folder)}` simulates its pairs again"
         raise InputError(str(path), "is of tables with other columns", allowed)
     return cast(Manifest, document)
 
@@ -198,7 +202,7 @@ def read_part(
     """The rows of one part, with the pairs ``expected``, or those planned; see ``read_cell``."""
     expected = expected or _pairs_of(first, manifest)
     table, path = TABLES[name], folder / name / part_name(cell, first)
-    again = f"delete the file; `{resume_command(folder)}` simulates its pairs again"
+    again = f"delete the file; `{advised('resume', folder)}` simulates its pairs again"
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             if (file.schema_arrow.metadata or {}).get(_DIGEST) != manifest["digest"].encode():
@@ -209,7 +213,7 @@ def read_part(
     except FileNotFoundError:
         ends = " to ".join(map(str, sorted({expected[0], expected[-1]})))
         problem = f"{name} are missing: cell {cell}, pair {ends}"
-        raise DamagedPartError(str(folder), problem, resume_command(folder)) from None
+        raise DamagedPartError(folder, problem, advised("resume", folder)) from None
     except (pa.ArrowException, OSError, ValueError, KeyError) as error:
         what = "has other columns" if isinstance(error, KeyError) else "is damaged"
         raise DamagedPartError(str(path), f"{what} ({one_line(str(error))[:99]})", again) from None
@@ -287,7 +291,7 @@ def read_findings(
     if not is_finished(folder):
         return None
     path = folder / FINDINGS
-    advice = f"delete it; `{resume_command(folder)}` computes it again"
+    advice = f"delete it; `{advised('resume', folder)}` computes it again"
     document, found = _read(path, advice), []
     if document.get("run") != manifest["digest"]:
         raise InputError(str(path), "belongs to another run", advice)
@@ -335,7 +339,7 @@ def tried_again(folder: Path) -> int | None:
 
 def unfinished(folder: Path) -> InputError:
     """The refusal of a run that is not finished."""
-    return InputError(str(folder), "is not finished", f"`{resume_command(folder)}` finishes it")
+    return InputError(folder, "is not finished", f"`{advised('resume', folder)}` finishes it")
 
 
 def sealed(document: Mapping[str, Any]) -> JsonObject:

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from harness.core.documents import as_plain
-from harness.core.errors import InputError, resume_command, unknown_name
+from harness.core.errors import InputError, advised, in_shell, unknown_name
 from harness.core.freezing import frozen
 from harness.core.vocabulary import Arm
 from harness.results import folder as folders
@@ -61,19 +61,23 @@ class Run:
         return float(self.manifest["confidence"])
 
     def scenario_of(self, cell: int) -> Scenario:
-        """The scenario of one cell."""
-        return self.study.cells[cell].scenario
+        """The scenario of one cell.
+
+        Raises:
+            InputError: there is no such cell.
+        """
+        return self.study.cell(cell).scenario
 
     def rows(self, table: str, cell: int) -> pa.Table:
         """The rows of a table and cell by pair, the AV's first, up to the first missing pair.
 
         Raises:
-            InputError: runs of this kind have no such table, a part is damaged, or the run is
-                finished and a part is missing.
+            InputError: runs of this kind have no such table, there is no such cell, a part is
+                damaged, or the run is finished and a part is missing.
         """
         if table not in (names := [each.name for each in TABLES_OF[self.kind]]):
             raise unknown_name(str(self.path), "table", table, names)
-        return folders.read_cell(self.path, table, cell, self.manifest)
+        return folders.read_cell(self.path, table, self.study.cell(cell).number, self.manifest)
 
     @property
     def kind(self) -> RunKind:
@@ -134,8 +138,7 @@ class Run:
             InputError: no pair is finished.
         """
         if not self.cells:
-            allowed = f"a run with results: {resume_command(self.path)}"
-            raise InputError(str(self.path), "no pair is finished yet", allowed)
+            raise InputError(self.path, "no pair is finished yet", advised("resume", self.path))
         cells, folder = self.cells, shlex.quote(str(self.path))
         notes = [*older_measures(self.manifest), *retries(folders.tried_again(self.path))]
         facts: dict[str, Any] = {"name": self.name, "folder": str(self.path), "kind": self.kind}
@@ -148,7 +151,7 @@ class Run:
             done = sum(cell["pairs"].count for cell in cells)
             planned = sum(cell.scenario.experiment.pairs for cell in self.study.cells)
             text = f"The run is not finished: {done:,} of {planned:,} pairs are done; "
-            text += f"{resume_command(self.path)} continues it."
+            text += f"{in_shell(advised('resume', self.path))} continues it."
             notes.append(Note("unfinished", FIRST, "unfinished", text))
         which = name_of(cells[0].varied) if len(cells) == 1 else f"{len(cells)} cells"
         screen, full = tables_of(cells)
@@ -197,7 +200,9 @@ def load_run(path: Path | str, settings: Mapping[str, Any] | None = None) -> Run
 
 def older_measures(manifest: folders.Manifest) -> list[Note]:
     """The note that the code of the measures has changed since a run, if it has."""
-    text = "The code of the measures has changed since the run: run its scenario again."
+    command = "risk" if "risk" in manifest else "run"
+    text = "The code of the measures has changed since the run, which "
+    text += f"`harness {command}` of its folder simulates again."
     note = Note("older_measures", FIRST, "older measures", text)
     return [] if manifest["simulated_with"]["code"] == folders.code_of_rows() else [note]
 

@@ -14,7 +14,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from harness.core.documents import as_plain, check_form, parse_toml, shortened
-from harness.core.errors import InputError, nearest_name
+from harness.core.errors import InputError, Parameter, Place, inside, nearest_name
 from harness.core.files import read_file, shipped_directory
 from harness.core.freezing import Frozen
 from harness.core.vocabulary import SECONDS_PER_HOUR
@@ -39,24 +39,25 @@ _SPEED = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S+)\s*"
 
 
 class Setting(NamedTuple):
-    """A dotted key, its value, and the name of its option in messages."""
+    """A dotted key, its value, and where it is given, for messages."""
 
     key: str
     value: Any
-    source: str = "--set"
+    source: Place = Parameter("settings")
 
 
 @dataclass(frozen=True)
 class ScenarioFile(Frozen):
     """A scenario file as read: it is valid TOML, but its keys have not been checked.
 
-    ``sweep`` is its ``[sweep]`` table, or None.  Relative paths are relative to the file's folder.
+    ``sweep`` is its ``[sweep]`` table, or the values by dotted key of each cell, or None.  Relative
+    paths are relative to the file's folder.
     """
 
     name: str
     source: str
     tree: Mapping[str, Any]
-    sweep: Mapping[str, Any] | None
+    sweep: Mapping[str, Any] | Sequence[Mapping[str, Any]] | None
     settings: tuple[Setting, ...]
     folder: Path
 
@@ -67,12 +68,12 @@ class ScenarioFile(Frozen):
             InputError: a key or value is not accepted.
         """
         tree = as_plain(self.tree)
-        sources = {}
+        sources = dict[str, Place]()
         for setting in (*self.settings, *more):
             apply_setting(tree, setting)
             if tuple(parts_of(setting)) in _PATHS:
                 # An option's path is relative to the shell's folder, a file's to the file's.
-                in_file = setting.source.startswith(f"{self.source}:")
+                in_file = str(setting.source).startswith(f"{self.source}:")
                 _anchor_paths(tree, self.folder if in_file else Path.cwd())
             sources[setting.key] = setting.source
         return validate(tree, self.source, sources)
@@ -80,6 +81,19 @@ class ScenarioFile(Frozen):
 
 Settings = Sequence[Setting] | Mapping[str, Any]
 """Settings from the command line, or a dictionary of values by dotted key."""
+
+
+def as_settings(settings: Settings, **experiment: int | None) -> list[Setting]:
+    """Settings in the order of application.
+
+    Args:
+        settings: the settings.
+        experiment: the last ones: keys of ``[experiment]`` that are parameters of their own.
+    """
+    if isinstance(settings, Mapping):
+        settings = [Setting(key, value) for key, value in settings.items()]
+    own = [Setting(f"experiment.{key}", each, Parameter(key)) for key, each in experiment.items()]
+    return [*settings, *(setting for setting in own if setting.value is not None)]
 
 
 def read_scenario_file(name_or_path: str | Path, settings: Settings = ()) -> ScenarioFile:
@@ -111,9 +125,8 @@ def read_scenario_file(name_or_path: str | Path, settings: Settings = ()) -> Sce
     sweep = tree.pop("sweep", None)
     if sweep is not None and not isinstance(sweep, dict):
         raise InputError(f"{path.name}: sweep", f"{shortened(sweep)} is not accepted", "a table")
-    if isinstance(settings, Mapping):
-        settings = [Setting(key, value, "settings") for key, value in settings.items()]
-    return ScenarioFile(path.stem, path.name, tree, sweep, tuple(settings), path.parent)
+    given = as_settings(settings)
+    return ScenarioFile(path.stem, path.name, tree, sweep, tuple(given), path.parent)
 
 
 def load_scenario(name_or_path: str | Path, settings: Settings = ()) -> Scenario:
@@ -154,7 +167,7 @@ def parse_setting(text: str) -> Setting:
     key = key.strip()
     if not equals or not key:
         allowed = "key=value, e.g. pedestrians.flow_per_hour=250"
-        raise InputError(f"--set {text}", "not of the form key=value", allowed)
+        raise InputError(Parameter("settings", text), "not of the form key=value", allowed)
     return Setting(key, toml_value(raw))
 
 
@@ -167,14 +180,14 @@ def toml_value(text: str) -> Any:
 
 
 def validate(
-    tree: Mapping[str, Any], source: str, key_sources: Mapping[str, str] | None = None
+    tree: Mapping[str, Any], source: str, key_sources: Mapping[str, Place] | None = None
 ) -> Scenario:
     """Check a tree of keys and values; the first mistake becomes an ``InputError``.
 
     Args:
         tree: nested tables as read from TOML.
         source: name of the file in messages.
-        key_sources: name of the source of every key that is not from the file (``--set``).
+        key_sources: the source of every key that is not from the file.
     """
     try:
         scenario = check_form(Scenario, _in_si(dict(tree)), "")
@@ -184,10 +197,9 @@ def validate(
         # The setting of the key, or of an array that contains it, or of a key of the table.
         over = [full for full in sources if f"{key}.".startswith(f"{full}.")]
         named = over or [full for full in sources if full.startswith(f"{key}.")]
-        where = f"{source}: {key}"
-        if named:
-            where = f"{sources[named[-1]]} {key if over else named[-1]}"
-        raise error.at(where) from None
+        if not named:
+            raise error.at(f"{source}: {key}") from None
+        raise error.at(inside(sources[named[-1]], key if over else named[-1])) from None
     return scenario
 
 
@@ -205,7 +217,7 @@ def parts_of(setting: Setting) -> list[str]:
     # Comments and texts of several lines are refused, although they are valid TOML.
     if len(node) != 1 or "\n" in setting.key:
         allowed = 'e.g. ego.length_m, or strategies."my_module:Mine".margin_s with the quotes'
-        raise InputError(f"{setting.source} {setting.key}", "not a dotted key", allowed)
+        raise InputError(inside(setting.source, setting.key), "not a dotted key", allowed)
     parts = []
     while isinstance(node, dict):
         ((name, node),) = node.items()
@@ -225,7 +237,7 @@ def apply_setting(tree: dict[str, Any], setting: Setting) -> None:
             tree[name] = {}
         tree = tree[name]
         if not isinstance(tree, dict):
-            raise InputError(f"{setting.source} {setting.key}", f"{name!r} is not a table")
+            raise InputError(inside(setting.source, setting.key), f"{name!r} is not a table")
     tree[last] = as_plain(setting.value)
 
 

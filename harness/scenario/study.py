@@ -5,7 +5,7 @@ from dataclasses import InitVar, dataclass
 from typing import Any
 
 from harness.core.documents import as_plain
-from harness.core.errors import InputError, nearest_name
+from harness.core.errors import InputError, Parameter, Place, inside, nearest_name
 from harness.core.freezing import Frozen
 from harness.scenario.file import ScenarioFile, Setting, apply_setting, checked, parts_of, validate
 from harness.scenario.scenario import Scenario
@@ -50,6 +50,17 @@ class Study:
         arms = (cell.scenario.arms.model_dump().values() for cell in self.cells)
         return list(dict.fromkeys(name for names in arms for name in names))
 
+    def cell(self, number: int) -> Cell:
+        """The cell with a number.
+
+        Raises:
+            InputError: there is none.
+        """
+        if number not in range(len(self.cells)):
+            allowed = f"0 to {len(self.cells) - 1}"
+            raise InputError(Parameter("cell", number), "there is none", allowed)
+        return self.cells[number]
+
     @property
     def long_pairs(self) -> bool:
         """Whether a pair takes long: a simulation.
@@ -73,12 +84,13 @@ def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
         InputError: a key or value is not accepted, a key varies twice or is also set, two cells are
             equal, or parameters are given to a strategy that drives in no cell.
     """
-    source = "--vary" if variations or file.sweep is None else f"{file.source}: sweep"
+    in_file = file.sweep is not None and not variations
+    source: Place = f"{file.source}: sweep" if in_file else Parameter("vary")
     points = planned_cells(file, variations, source)
     keys = list(dict.fromkeys(key for point in points for key in point))
     if "experiment.pairs" in keys:
-        allowed = "one number for all cells (--pairs)"
-        raise InputError(f"{source} experiment.pairs", "cannot vary", allowed)
+        where = inside(source, "experiment.pairs")
+        raise InputError(where, "cannot vary", "one number of pairs for all cells")
     cells: list[Cell] = []
     seen: dict[str, int] = {}
     for number, point in enumerate(points):
@@ -110,7 +122,7 @@ def _check_driven(study: Study, settings: Sequence[Setting]) -> None:
     for setting in settings:
         section, *names = parts_of(setting)
         if section == "strategies" and names and names[0] not in study.driven:
-            where = f"{setting.source} {setting.key}"
+            where = inside(setting.source, setting.key)
             allowed = f"a parameter of {' or '.join(study.driven)}"
             near = nearest_name(names[0], study.driven)
             raise InputError(where, f"{names[0]} drives in no cell", allowed, near)
@@ -132,7 +144,7 @@ def study_from(document: Mapping[str, Any], where: str) -> Study:
         tree = base.model_dump()
         for key, value in varied.items():
             if value is not None:
-                apply_setting(tree, Setting(key, value))
+                apply_setting(tree, Setting(key, value, where))
         cells.append(Cell(number, varied, validate(tree, where), valid=True))
     return Study(document["name"], base, tuple(cells))
 

@@ -3,39 +3,39 @@
 import itertools
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from harness.core.documents import as_plain, parse_toml, shortened
-from harness.core.errors import InputError
+from harness.core.errors import InputError, Parameter, Place, inside
 from harness.scenario.file import ScenarioFile, Setting, parts_of, toml_value
 
 MAX_CELLS = 100_000
 """The most cells of a sweep."""
 
-Variation = tuple[str, list[Any]]
+Variation = tuple[str, Sequence[Any]]
 """A dotted key and its values."""
 
 
 def planned_cells(
-    file: ScenarioFile, variations: Sequence[Variation], source: str
+    file: ScenarioFile, variations: Sequence[Variation], source: Place
 ) -> list[dict[str, Any]]:
     """The values that each cell changes, by key, from ``variations`` or a file's ``[sweep]``.
 
     Args:
         file: the scenario file.
         variations: keys with their values; if there are any, they replace the ``[sweep]`` table.
-        source: name of the variations in messages.
+        source: where the values are given, for messages.
 
     Raises:
-        InputError: a key varies twice, or a key has no list of values.
+        InputError: a key varies twice or is also set, or a key has no list of values.
     """
     sweep = None if variations else as_plain(file.sweep)
-    grid = [(key, as_plain(values)) for key, values in variations]
-    points = None
-    if sweep is not None and "cells" in sweep:
+    grid: list[Variation] = [(key, _listed(of, inside(source, key))) for key, of in variations]
+    points = sweep if isinstance(sweep, list) else None
+    if isinstance(sweep, dict) and "cells" in sweep:
         points = _named_cells(sweep, source)
-    elif sweep is not None:
+    elif isinstance(sweep, dict):
         grid = _lists_of(sweep, source)
     keys = (
         [key for key, _ in grid] if points is None else [key for point in points for key in point]
@@ -43,8 +43,8 @@ def planned_cells(
     given = {key: setting for key in keys if (setting := _setting_of(key, file.settings))}
     if given and (variations or points is not None):
         key, setting = next(iter(given.items()))
-        problem = f"cannot be combined with {setting.source} {setting.key}"
-        raise InputError(f"{source} {key}", problem, "one of the two")
+        problem = f"{setting.key} is also set, to {as_plain(setting.value)!r}"
+        raise InputError(inside(source, key), problem, "one of the two")
     if points is None:
         points = _grid([(key, values) for key, values in grid if key not in given], source)
     return points
@@ -68,7 +68,7 @@ def parse_variation(text: str) -> Variation:
     key, equals, raw = text.partition("=")
     if not equals or not key.strip() or not raw.strip():
         allowed = "key=v1,v2,…, e.g. pedestrians.flow_per_hour=50,100,250"
-        raise InputError(f"--vary {text}", "not of the form key=v1,v2,…", allowed)
+        raise InputError(Parameter("vary", text), "not of the form key=v1,v2,…", allowed)
     try:
         values: list[Any] = parse_toml(f"values = [{raw}]")["values"]
     except ValueError:
@@ -76,18 +76,22 @@ def parse_variation(text: str) -> Variation:
     return key.strip(), values
 
 
-def _lists_of(table: Mapping[str, Any], where: str) -> list[Variation]:
+def _listed(values: Any, where: Place) -> list[Any]:
+    """The values of a key; a single value is refused."""
+    if isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
+        raise InputError(where, f"{shortened(values)} is not a list", "a list of values")
+    return [*map(as_plain, values)]
+
+
+def _lists_of(table: Mapping[str, Any], where: Place) -> list[Variation]:
     """The keys of a ``[sweep]`` with their values."""
     flat = flatten(table)
     if not flat:
         raise InputError(where, "nothing to vary", "a list of values for each key that varies")
-    for key, values in flat.items():
-        if not isinstance(values, list):
-            raise InputError(f"{where}.{key}", f"{values!r} is not a list", "a list of values")
-    return [*flat.items()]
+    return [(key, _listed(values, f"{where}.{key}")) for key, values in flat.items()]
 
 
-def _named_cells(table: Mapping[str, Any], where: str) -> list[dict[str, Any]]:
+def _named_cells(table: Mapping[str, Any], where: Place) -> list[dict[str, Any]]:
     """The keys with their values of each of the ``[[sweep.cells]]``."""
     named = table["cells"]
     if len(table) > 1:
@@ -101,13 +105,13 @@ def _named_cells(table: Mapping[str, Any], where: str) -> list[dict[str, Any]]:
     return [flatten(cell) for cell in named]
 
 
-def _grid(variations: Sequence[Variation], where: str) -> list[dict[str, Any]]:
+def _grid(variations: Sequence[Variation], where: Place) -> list[dict[str, Any]]:
     keys = [key for key, _ in variations]
     for key, values in variations:
         if keys.count(key) > 1:
             raise InputError(where, f"{key} varies twice", "each key once")
         if not values:
-            raise InputError(f"{where} {key}", "no values", "at least one")
+            raise InputError(inside(where, key), "no values", "at least one")
     # The cells are counted first, because two long ranges would not fit into memory.
     count = math.prod(len(values) for _, values in variations)
     if count > MAX_CELLS:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from harness.core.errors import Parameter
 from harness.engine.configuration import people_in, read_config
 from harness.engine.outputs import Counts, entering
 from harness.engine.session import lane_of
@@ -80,12 +81,12 @@ def _row(crosswalk: Crosswalk, counts: Counts) -> CrosswalkRow:
     )
 
 
-def scenario_text(file: Path, crossings: Sequence[str], written: Path) -> str:
+def scenario_text(file: Path, edges: Sequence[str], written: Path) -> str:
     """A commented scenario file for some crosswalks of a configuration.
 
     Args:
         file: the configuration's file.
-        crossings: ids of the crosswalks.
+        edges: ids of the crosswalks.
         written: path of the configuration as it is to stand in the scenario file.
 
     Raises:
@@ -93,15 +94,14 @@ def scenario_text(file: Path, crossings: Sequence[str], written: Path) -> str:
     """
     config = read_config(file)
     town = town_of(config)
-    crosswalks = [chosen(town, name, "--edge") for name in dict.fromkeys(crossings)]
-    fastest_mps = max(each.limits_mps[-1] for each in crosswalks)
+    crosswalks = [chosen(town, name, Parameter("edges")) for name in dict.fromkeys(edges)]
     walked = any(people_in(config))
     return _TEMPLATE.read_text(encoding="utf-8").format(
         crosswalks="\n".join(f"# {line}" for each in crosswalks for line in _described(town, each)),
         file=_quoted(written.as_posix()),
         crossings=", ".join(_quoted(each.id) for each in crosswalks),
         step=min(config.step_s, _STEP_S),
-        range_m=_range_m(fastest_mps),
+        range_m=_range_m(max(each.limits_mps[-1] for each in crosswalks)),
         people="# " if walked else "",
         human="sumo_driver" if walked else "human_yield",
     )

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 
-from harness.core.errors import InputError, nearest_name, unknown_name
+from harness.core.errors import InputError, Place, nearest_name, unknown_name
 from harness.core.files import read_file
 from harness.core.seeding import sumo_seed
 from harness.encounter.arms import asks_model
@@ -121,7 +121,7 @@ def _digest(file: Path) -> str:
     return hashlib.sha256(read_file(file)).hexdigest()
 
 
-def chosen(town: Town, name: str, where: str) -> Crosswalk:
+def chosen(town: Town, name: str, where: Place) -> Crosswalk:
     """The crosswalk that an option or a key names.
 
     Raises:

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-from harness.core.errors import InputError, in_one_line, nearest_name
+from harness.core.errors import InputError, Place, in_one_line, nearest_name
 from harness.core.vocabulary import StrategyFactory
 
 _FORM = "package.module:Class"
@@ -19,7 +19,7 @@ def is_of_this_process(name: str) -> bool:
     return name.startswith("__main__:")
 
 
-def load_own(name: str, where: str) -> StrategyFactory:
+def load_own(name: str, where: Place) -> StrategyFactory:
     """The strategy of a name such as ``package.module:MyStrategy``.
 
     Modules of the working directory can be imported, in worker processes too.
@@ -46,7 +46,7 @@ def load_own(name: str, where: str) -> StrategyFactory:
     return strategy
 
 
-def _import(name: str, where: str) -> ModuleType:
+def _import(name: str, where: Place) -> ModuleType:
     if name not in sys.modules:
         # Python caches the contents of folders; a new module would not be found.
         importlib.invalidate_caches()
@@ -59,7 +59,7 @@ def _import(name: str, where: str) -> ModuleType:
         raise InputError(where, f"{name!r} cannot be imported: {in_one_line(error)}") from None
 
 
-def _unknown_module(missing: str, where: str) -> InputError:
+def _unknown_module(missing: str, where: Place) -> InputError:
     """The error for a module that does not exist; it holds the nearest name in the same folder."""
     package, _, last = missing.rpartition(".")
     folders = getattr(sys.modules.get(package), "__path__", []) if package else [str(Path.cwd())]
@@ -70,7 +70,7 @@ def _unknown_module(missing: str, where: str) -> InputError:
     return InputError(where, f"there is no module {missing!r}", allowed, nearest)
 
 
-def _unknown_class(module: ModuleType, path: str, where: str) -> InputError:
+def _unknown_class(module: ModuleType, path: str, where: Place) -> InputError:
     strategies = [
         name for name, thing in vars(module).items() if callable(getattr(thing, "decide", None))
     ]

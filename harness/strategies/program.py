@@ -14,7 +14,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
 
-from harness.core.errors import InputError, reason_of
+from harness.core.errors import InputError, Place, reason_of
 from harness.core.vocabulary import Crossing, Observation, StrategyFactory, Vehicle
 from harness.scenario.consistency import PROGRAM
 
@@ -29,7 +29,7 @@ def is_program(name: str) -> bool:
     return name.startswith(PROGRAM)
 
 
-def load_program(name: str, where: str) -> StrategyFactory:
+def load_program(name: str, where: Place) -> StrategyFactory:
     """The strategy that a name such as ``exec:./my_driver --flag`` stands for.
 
     The program must lie in the working directory or below it, so that a scenario from somebody else
@@ -42,7 +42,7 @@ def load_program(name: str, where: str) -> StrategyFactory:
 
 
 @lru_cache
-def _program_below(here: Path, name: str, where: str) -> StrategyFactory:
+def _program_below(here: Path, name: str, where: Place) -> StrategyFactory:
     allowed = "exec:./PROGRAM ARGUMENTS, a program below the working directory"
     try:
         words = shlex.split(name.removeprefix(PROGRAM))

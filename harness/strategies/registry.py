@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import cast
 
-from harness.core.errors import InputError, nearest_name
+from harness.core.errors import InputError, Place, nearest_name
 from harness.core.files import read_file
 from harness.core.freezing import frozen
 from harness.core.vocabulary import StrategyFactory
@@ -40,7 +40,7 @@ KNOWS_THE_MODEL = "It is given the model from which the pedestrians are drawn."
 """What is said of a strategy that knows more than real drivers do."""
 
 
-def find_strategy(name: str, where: str) -> StrategyFactory:
+def find_strategy(name: str, where: Place) -> StrategyFactory:
     """The strategy with a name: built-in, ``package.module:Class`` or a program.
 
     Raises:

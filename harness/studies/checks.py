@@ -13,7 +13,7 @@ from threading import Thread
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from harness.core.errors import in_one_line
+from harness.core.errors import Parameter, in_one_line
 from harness.core.vocabulary import SPEED_ROUNDING, Arm, Arrival, Ending, Observation, Side, Trace
 from harness.encounter.arms import make_strategy
 from harness.encounter.cell_constants import constants_of
@@ -176,7 +176,7 @@ def check_strategy(
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario, settings)
     model = model or load_model(scenario.model.name, scenario.model.path)
-    factory, given = find_strategy(name, "--check"), scenario.strategies.get(name, {})
+    factory, given = find_strategy(name, Parameter("strategy")), scenario.strategies.get(name, {})
     check_parameters(factory, given, table_key(name))
     plays: list[Play] = []
     done: Future[None] = Future()

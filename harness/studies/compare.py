@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from harness.core.errors import InputError
+from harness.core.errors import InputError, Parameter
 from harness.core.seeding import resampling
 from harness.results import estimators
 from harness.results.catalogue import ENTRY_OF, Entry
@@ -158,19 +158,11 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
             values of a swept parameter are judged.
 
     Raises:
-        InputError: a run is not finished, of another kind or named twice, no two cells can be
-            compared, a limit is out of range, or the reference met other people in one of the runs.
+        InputError: there is no run; one is not finished, of another kind or named twice; no two
+            cells can be compared, a limit is out of range, or the reference met other people in one
+            of the runs.
     """
-    for number, run in enumerate(runs):
-        run.refuse_unfinished()
-        if run.kind != runs[0].kind:
-            allowed = f"runs of {runs[0].kind}, as {runs[0].path}"
-            raise InputError(str(run.path), f"is a run of {run.kind}", allowed)
-        if run.manifest["simulated_with"]["code"] != runs[0].manifest["simulated_with"]["code"]:
-            problem = f"has measures of other code than {runs[0].path}"
-            raise InputError(str(run.path), problem, "runs of the same code: run one again")
-        if run.path.resolve() in [other.path.resolve() for other in runs[:number]]:
-            raise InputError(str(run.path), "is named twice", "different runs")
+    _refuse_runs(runs)
     groups = _comparable(runs)
     for group in groups:
         _refuse_other_people(group)
@@ -218,6 +210,23 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
             for place, row in enumerate(rows)
         ],
     )
+
+
+def _refuse_runs(runs: Sequence[Run]) -> None:
+    """Refuse no run, and runs that are not finished, of different kinds or code, or the same."""
+    if not runs:
+        raise InputError(Parameter("runs"), "there is none", "one or more")
+    for number, run in enumerate(runs):
+        run.refuse_unfinished()
+        if run.kind != runs[0].kind:
+            allowed = f"runs of {runs[0].kind}, as {runs[0].path}"
+            raise InputError(str(run.path), f"is a run of {run.kind}", allowed)
+        if run.manifest["simulated_with"]["code"] != runs[0].manifest["simulated_with"]["code"]:
+            problem = f"has measures of other code than {runs[0].path}"
+            allowed = "runs of the same code; `harness run` of a run's folder simulates it again"
+            raise InputError(str(run.path), problem, allowed)
+        if run.path.resolve() in [other.path.resolve() for other in runs[:number]]:
+            raise InputError(str(run.path), "is named twice", "different runs")
 
 
 def _comparable(runs: Sequence[Run]) -> list[list[Candidate]]:

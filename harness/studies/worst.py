@@ -84,9 +84,8 @@ def worst(
         raise InputError(Parameter("most", most), "is not accepted", "1 or more")
     if arm not in [*Arm]:
         raise unknown_name(Parameter("arm", arm), "arm", str(arm), [*Arm])
-    if cell is not None and not 0 <= cell < len(run.study.cells):
-        allowed = f"0 to {len(run.study.cells) - 1}"
-        raise InputError(Parameter("cell", cell), "there is none", allowed)
+    if cell is not None:
+        run.study.cell(cell)
     simulated = run.kind == "simulations"
     if driver is not None and not simulated:
         raise InputError(Parameter("driver", driver), "is of simulations", "arm")

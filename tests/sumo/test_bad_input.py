@@ -50,10 +50,13 @@ TWO_OF_THREE = ("--gui --debug", "--gui --out x", "--debug --out x")
 
 REFUSED = [
     # Keys and values of a scenario: tests/unit/test_bad_scenarios.py has them all.
-    ("run cctc --set pedestrians.flow=3", "pedestrians.flow", "unknown key", "flow_per_hour"),
+    ("run cctc --set pedestrians.flow=3", "--set pedestrians.flow", "unknown key", "flow_per_hour"),
     ("run mine.toml", "mine.toml", "ego.speed_mps", "unknown key"),
     # Options are named as the user wrote them.
-    ("run cctc --pairs 0", "--pairs", "0"),
+    ("run cctc --pairs 0", "--pairs experiment.pairs: 0 is"),
+    ("run cctc --vary ego.speed=1", "--vary ego.speed: unknown key"),
+    ("run traffic --traces", "--traces: is not supported"),
+    ("strategies --check nobody", "--check: unknown strategy"),
     ("run none.toml", "none.toml", "No such file"),
     ("run ccct", "did you mean 'cctc'"),
     (f"run {LONG}", "xxx"),
@@ -67,7 +70,7 @@ REFUSED = [
     ("run cctc --pairs 1 --out mine", "--out", "already holds a run"),
     # A bad scenario does not even make the folder.
     ("run cctc --set arms.av=nobody --out new/one", "nobody"),
-    ("worst mine", "manifest.json", "as the run wrote it"),
+    *((f"{word} mine", "manifest.json", "as the run wrote it") for word in ("worst", "run")),
     ("network cctc --out file/net-of-mine", "file/net-of-mine"),
     # The command line itself.
     ("rum cctc", "rum"),

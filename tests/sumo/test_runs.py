@@ -19,6 +19,7 @@ import pytest
 from harness.core.errors import InputError
 from harness.core.vocabulary import Observation
 from harness.engine.sumo_engine import SumoEngine
+from harness.results import folder as folders
 from harness.results.loaded_run import Run, load_run
 from harness.studies.evaluate import evaluate
 from harness.studies.running.run import resume, run
@@ -81,9 +82,13 @@ def test_rows_and_findings_are_the_same_for_any_workers(
     ]
 
 
-def test_a_run_of_fewer_pairs_is_the_beginning_of_a_longer_one(tmp_path: Path) -> None:
-    few = run("cctc_flow", pairs=7, out=tmp_path / "few", workers=0).episodes
-    many = run("cctc_flow", pairs=25, out=tmp_path / "many", workers=0).episodes
+def test_a_run_of_a_runs_folder_with_more_pairs_begins_with_its_rows(tmp_path: Path) -> None:
+    """Also if the folder is of older tables, which nothing else reads."""
+    vary = {"strategies.gap_yield.critical_gap_s": [2.0, 4.0], "arms.av": ["gap_yield"]}
+    few = run("cctc_flow", vary=vary, pairs=7, seed=3, out=tmp_path / "few", workers=0).episodes
+    made = folders.read_manifest(tmp_path / "few")
+    folders.write_manifest(tmp_path / "few", folders.sealed({**made, "schema": "of older tables"}))
+    many = run(tmp_path / "few", pairs=25, out=tmp_path / "many", workers=0).episodes
     pd.testing.assert_frame_equal(few, many[many["pair"] < 7].reset_index(drop=True))
 
 
@@ -263,7 +268,10 @@ def test_a_folder_that_cannot_be_used_is_refused_in_one_line_and_kept(
         ({"settings": {"arms.av": "nobody"}}, "unknown strategy"),
         ({"workers": -1}, "workers"),
         ({"engine": "unity"}, "unknown engine"),
-        ({"scenario": "traffic", "traces": True}, "simulations"),
+        ({"scenario": "traffic", "traces": True}, "traces: is not supported with simulations"),
+        ({"vary": {"arms.av": "hard_yield"}}, "vary arms.av: 'hard_yield' is not a list"),
+        ({"vary": {"ego.length_m": 4}}, "vary ego.length_m: 4 is not a list"),
+        ({"scenario": ".."}, "is not a run folder"),
     ],
 )
 def test_what_is_refused_writes_no_manifest(

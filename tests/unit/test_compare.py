@@ -191,10 +191,8 @@ def test_what_cannot_be_compared_is_refused_in_one_line() -> None:
         ((one, version("x", 9.0, experiment__seed=2)), "experiment.seed"),
         ((one, version("x", 9.0, pedestrians__flow_per_hour=500)), "pedestrians.flow_per_hour"),
         ((one, version("x", 9.0, arms__human="hard_yield")), "arms.human"),
-        (
-            (one, version("x", 9.0, strategies__human_gmm__speed="sampled")),
-            "strategies.human_gmm.speed",
-        ),
+        ((one, version("x", 9.0, strategies__human_gmm__speed="sampled")), "human_gmm.speed"),
+        ((), "runs: there is none"),
     ):
         with pytest.raises(InputError, match=words):
             compare(*runs)

@@ -25,6 +25,7 @@ from tests.cells import (
     run_of,
     study,
 )
+from tests.scenes import refusal_of
 
 FRONT = {"ending": "crashed", "avoidable": True, "avoidable_attentive": True}
 SIDE = {"ending": "crashed", "contact": "side", "avoidable": False}
@@ -126,8 +127,9 @@ def test_counts_by_hand(nine: CellFindings) -> None:
     counts |= {"timed_out": 1, "timed_out_human": 1, "failed": 1, "failed_human": 0}
     counts |= {"failed_strategy": 1, "failed_strategy_human": 0, "fallbacks": 1}
     assert {key: nine[key].value for key in counts} == counts
-    with pytest.raises(KeyError):  # it is no number of encounters
-        nine.total("sumo_people")
+    # The first is no number of encounters.
+    refusal_of(lambda: nine.total("sumo_people"), "unknown finding 'sumo_people'")
+    refusal_of(lambda: nine["kapa"], "unknown finding 'kapa'", "did you mean 'kappa'")
 
 
 def test_nine_pairs_are_too_few_and_undefined_numbers_say_why(nine: CellFindings) -> None:

@@ -53,15 +53,13 @@ def test_the_last_key_changes_fastest(tmp_path: Path) -> None:
 
 def test_vary_replaces_the_table_of_the_file(tmp_path: Path) -> None:
     table = "[sweep]\npedestrians.flow_per_hour = [50, 100]\narms.av = ['soft_yield', 'gap_yield']"
-    found = study(tmp_path, table, "ego.length_m=4,5,6")
-    assert [cell.varied for cell in found.cells] == [{"ego.length_m": x} for x in (4, 5, 6)]
     # A key of the table that nothing sets has its value of the scenario, not one of the table.
     alone = study(tmp_path, "", "ego.length_m=4,5,6")
+    found = study(tmp_path, table, "ego.length_m=4,5,6")
     assert found.cells == alone.cells
-    path = tmp_path / "mine.toml"
-    path.write_text(table)
+    assert [cell.varied for cell in found.cells] == [{"ego.length_m": x} for x in (4, 5, 6)]
     options = ("--pairs", 1, "--engine", "plain", "-q", "--out", tmp_path / "run")
-    done = here("run", path, "--vary", "ego.length_m=4,5", *options)
+    done = here("run", tmp_path / "mine.toml", "--vary", "ego.length_m=4,5", *options)
     assert done.stderr.splitlines() == ["note: --vary replaces the [sweep] of mine.toml"]
 
 

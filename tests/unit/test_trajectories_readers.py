@@ -178,5 +178,8 @@ def test_table_refusals(tmp_path):
     refuses("time_advantage_s", lambda: extract(path, "table"))
     path.write_text("range_m,vehicle_speed_mps,pedestrian_speed_mps,lateral_m\nfar,1,1,1\n")
     refuses(r"range_m.*far", lambda: extract(path, "table"))
-    (tmp_path / "bad.parquet").write_bytes(b"not parquet")
-    refuses(r"bad\.parquet", lambda: extract(tmp_path / "bad.parquet", "table"))
+    bad = tmp_path / "bad.parquet"
+    bad.write_bytes(b"not parquet")
+    refuses(r"bad\.parquet", lambda: extract(bad, "table"))
+    pd.read_csv(path).assign(range_m=1, source=b"\xff").to_parquet(bad)
+    refuses(r"bad\.parquet: column 'source' contains bytes", lambda: extract(bad, "table"))

@@ -226,7 +226,7 @@ def mobileye_rows(file: File, options: MobileyeOptions, tally: Tally) -> pd.Data
     heading = table["heading_deg"]
     ours = (heading > options.heading_above_deg) & (heading <= options.heading_below_deg)
     tally.drop("records", "bus_heading_other_way", (~ours).sum())
-    table = table.assign(obstacle=identifiers(table["obstacle"])).loc[ours].copy()
+    table = table.assign(obstacle=identifiers(file.path, table["obstacle"])).loc[ours].copy()
     if table.empty:
         raise EmptyTableError(str(file.path), "no record is left")
     bus, forward = _bus(table, options)
@@ -237,7 +237,9 @@ def mobileye_rows(file: File, options: MobileyeOptions, tally: Tally) -> pd.Data
     frames = [pd.DataFrame()]
     for _, trip in table.groupby(["device", "trip"]):
         tally.clips += 1
-        vehicle, number = (str(identifiers(trip[name]).iloc[0]) for name in ("device", "trip"))
+        vehicle, number = (
+            str(identifiers(file.path, trip[name]).iloc[0]) for name in ("device", "trip")
+        )
         moments = trip.sort_values("time_s", kind="stable").drop_duplicates("time_s")
         track = Track(moments["time_s"].to_numpy(), moments[["bus_x", "bus_y"]].to_numpy())
         names = {
@@ -324,8 +326,8 @@ def own_rows(file: File, options: ExtractionRules, tally: Tally) -> pd.DataFrame
     if ignored:
         tally.notes.append(f"{file.path.name}: columns not used: {', '.join(ignored)}")
     for name in [each for each in ROW_COLUMNS if each in table and each not in OWN_ROWS]:
-        read = identifiers(table[name]) if name in TEXT_COLUMNS else numbers(file.path, table[name])
-        rows[name] = read[rows.index]
+        read = identifiers if name in TEXT_COLUMNS else numbers
+        rows[name] = read(file.path, table[name])[rows.index]
     source = options.source or file.name
     return rows.assign(source=rows["source"].fillna(source) if "source" in rows else source)
 

@@ -84,7 +84,7 @@ def read_records(path: Path, columns: Columns, tally: Tally, *names: str) -> pd.
     tally.drop("records", "not_a_number", text.sum())
     tally.drop("records", "missing_value", (~finite & ~text).sum())
     tally.drop("records", "out_of_scale", (finite & ~usable).sum())
-    identified = {name: identifiers(table[name]) for name in names}
+    identified = {name: identifiers(path, table[name]) for name in names}
     return (values / units).assign(**identified)[usable]
 
 
@@ -105,7 +105,7 @@ def numbers(path: Path, column: pd.Series) -> pd.Series:
     return values.astype(np.float64)
 
 
-def identifiers(column: pd.Series) -> pd.Series:
+def identifiers(path: Path, column: pd.Series) -> pd.Series:
     """Identifiers as text; a missing identifier stays missing.
 
     Whole numbers lose the ``.0`` that a missing cell elsewhere in the column adds.
@@ -116,7 +116,8 @@ def identifiers(column: pd.Series) -> pd.Series:
     try:
         text = column.astype("str")
     except UnicodeDecodeError:
-        raise InputError(f"column {column.name!r}", "contains bytes", "text or numbers") from None
+        problem = f"column {column.name!r} contains bytes"
+        raise InputError(path, problem, "text or numbers") from None
     if pd.api.types.is_float_dtype(column):
         values = column.to_numpy(dtype=np.float64, na_value=np.nan)
         with np.errstate(invalid="ignore"):

@@ -318,7 +318,7 @@ def by_held_out(scores: Mapping[int, HeldOut]) -> int:
         InputError: ``scores`` is empty.
     """
     if not scores:
-        allowed = "rows with identifiers of at least two vehicles and --folds of 2 or more"
+        allowed = "rows with identifiers of at least two vehicles, and 2 or more folds"
         raise InputError(Parameter("choose", "held-out"), "there are no held-out scores", allowed)
     return min(scores, key=lambda k: (-scores[k].mean, k))
 
@@ -336,7 +336,7 @@ def by_rule(bic: Mapping[int, float]) -> int | None:
     last = max(bic)
     if last < 3 or sorted(bic) != list(range(1, last + 1)):
         problem = "needs every K from 1 to at least 3"
-        raise InputError(Parameter("choose", "rule"), problem, "e.g. --components 1..20")
+        raise InputError(Parameter("choose", "rule"), problem, "e.g. 1..20 components")
     least = RULE_SHARE * (bic[1] - bic[2])
     return next((k for k in range(1, last) if bic[k] - bic[k + 1] < least), None)
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from harness.core.errors import HarnessError, InputError
+from harness.core.errors import HarnessError, InputError, inside
 from harness.core.seeding import resampling, stream
 from harness.core.versions import versions_of_fits
 from harness.core.vocabulary import Ending, FloatArray, Strategy, StrategyFactory, Trace
@@ -146,7 +146,7 @@ def _factories(
     for key in keys:
         if ".".join(parts_of(key)[:2]) not in allowed:
             problem = "has no effect on recorded passages"
-            raise InputError(f"{key.source} {key.key}", problem, ", ".join(allowed))
+            raise InputError(inside(key.source, key.key), problem, ", ".join(allowed))
     for name in found:
         own = Setting("arms.av", name, f"driver {name}"), Setting("model.extrapolate", True)
         check_arms(load_scenario("cctc", [*keys, *own]), model)

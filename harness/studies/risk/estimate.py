@@ -17,7 +17,7 @@ import pyarrow as pa
 from scipy import special
 from threadpoolctl import threadpool_limits
 
-from harness.core.errors import InputError, Parameter, resume_command
+from harness.core.errors import InputError, Parameter, advised
 from harness.core.seeding import resampling
 from harness.core.vocabulary import Arm, Ending, Trace
 from harness.encounter.loop import Episode
@@ -166,8 +166,8 @@ def risk(
         InputError: the scenario, the strategy or the event is refused; nothing has been written.
     """
     if len(study.cells) > 1:
-        settled = " ".join(f"--set {key}=…" for key in sorted(study.varied_keys))
-        raise InputError(study.name, f"has {len(study.cells)} cells", f"one cell: {settled}")
+        allowed = f"one cell: one value of {', '.join(sorted(study.varied_keys))}"
+        raise InputError(study.name, f"has {len(study.cells)} cells", allowed)
     if not 0 < target_cv <= 1:
         raise InputError(Parameter("target_cv", target_cv), "is not accepted", "above 0, at most 1")
     text, scenario = parse_event(event).text, study.cells[0].scenario
@@ -343,7 +343,7 @@ def _found_again(path: Path, manifest: folders.Manifest, study: Study) -> Findin
         rounds.setdefault(round_, []).append(rows)
     drawn = [Units.of(pa.concat_tables(parts)) for parts in rounds.values()]
     if sum(each.episodes for each in drawn) != stored[0]["episodes"].value:
-        advice = f"delete {folders.FINDINGS}; `{resume_command(path)}` draws them again"
+        advice = f"delete {folders.FINDINGS}; `{advised('resume', path)}` draws them again"
         raise InputError(str(path / _TABLE), "parts are missing", advice)
     return risk_findings(drawn)
 

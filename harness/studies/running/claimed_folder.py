@@ -9,7 +9,7 @@ from typing import Any, Literal, cast
 
 import filelock
 
-from harness.core.errors import InputError, Parameter, resume_command
+from harness.core.errors import InputError, Parameter, advised
 from harness.core.files import cannot_write
 from harness.core.versions import versions_of_runs
 from harness.model.interaction import InteractionModel
@@ -83,7 +83,7 @@ def claim_folder(out: Path | str | None, name: str) -> Path:
             return claim_folder(out, name)  # another run took the number
         raise cannot_write(where, error) from None
     if folders.MANIFEST in names:
-        raise InputError(where, "already holds a run", f"{empty}, or {resume_command(folder)}")
+        raise InputError(where, "already holds a run", f"{empty}, or {advised('resume', folder)}")
     if names:
         raise InputError(where, "is not empty", empty)
     return folder

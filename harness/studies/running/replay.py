@@ -177,9 +177,6 @@ def stored_tasks(run: Run, cell: int, pairs: Sequence[int], arms: Sequence[Arm])
 
 def check_pairs(run: Run, cell: int, pairs: Sequence[int]) -> None:
     """Raise an ``InputError`` if the cell or a pair does not exist."""
-    if not 0 <= cell < len(run.study.cells):
-        allowed = f"0 to {len(run.study.cells) - 1}"
-        raise InputError(Parameter("cell", cell), "there is none", allowed)
     known = set(run.rows(TABLES_OF[run.kind][0].name, cell)["pair"].to_pylist())
     if (odd := next((pair for pair in pairs if pair not in known), None)) is not None:
         raise InputError(Parameter("pair", odd), "there is none", f"0 to {max(known, default=0)}")

@@ -13,10 +13,13 @@ from harness.core.errors import (
     HarnessError,
     InputError,
     InterruptedRunError,
+    Parameter,
+    advised,
     in_one_line,
+    reading,
     refused_at,
-    resume_command,
 )
+from harness.core.files import shipped_directory
 from harness.core.freezing import frozen
 from harness.encounter.arms import check_arms
 from harness.engine.installation import check_packages
@@ -26,7 +29,7 @@ from harness.results.loaded_run import Run, computed, load_run
 from harness.results.tables import TABLES_OF, TRACES
 from harness.scenario import EngineName, Scenario
 from harness.scenario.arguments import engine_named
-from harness.scenario.file import ScenarioFile, Setting, read_scenario_file
+from harness.scenario.file import ScenarioFile, Settings, as_settings, read_scenario_file
 from harness.scenario.study import Study, study_from, study_of
 from harness.studies.running import claimed_folder
 from harness.studies.running.claimed_folder import RunFolder
@@ -64,7 +67,8 @@ def run(
     """Run every pair of every cell with both drivers, and write the run folder.
 
     Args:
-        scenario: a scenario, a study, a file, or the name of a shipped scenario.
+        scenario: a scenario, a study, a file, the name of a shipped scenario, or the folder of a
+            run, whose study is simulated anew.
         settings: values by dotted key that replace the scenario's.
         vary: the values of each varied key; every combination is a cell.
         pairs, seed: the same as ``experiment.pairs`` and ``experiment.seed``.
@@ -89,20 +93,18 @@ def run(
     ...     run("cctc", pairs=2, out=out, workers=0, engine="plain").cells[0]["pairs"].value
     2
     """
-    given = {"experiment.pairs": pairs, "experiment.seed": seed}
-    changes = {**(settings or {}), **{key: each for key, each in given.items() if each is not None}}
+    changes = as_settings(settings or {}, pairs=pairs, seed=seed)
     if isinstance(scenario, Study):
         if changes or vary:
             raise InputError("settings", "cannot be combined with a Study", "a file, or a Scenario")
         study = scenario
     else:
-        variations = [(key, [*values]) for key, values in (vary or {}).items()]
-        study = study_of(scenario_file(scenario, changes), variations)
+        study = study_of(scenario_file(scenario, changes), [*(vary or {}).items()])
     models, files = _checked(study, engine_named(engine))
     size = 1 if study.long_pairs else part_pairs(study.base.experiment.pairs)
     if study.long_pairs and (traces or engine != "sumo"):
-        key = "traces" if traces else "engine"
-        raise InputError(key, "is not supported with simulations", "SUMO, without traces")
+        where = Parameter("traces") if traces else Parameter("engine", engine)
+        raise InputError(where, "is not supported with simulations", "SUMO, without traces")
     manifest = claimed_folder.manifest_of(
         study, models, traces=bool(traces), engine=engine, pairs_per_part=size, files=files
     )
@@ -128,7 +130,7 @@ def resume(
     path = Path(path)
     manifest = folders.read_manifest(path)
     if manifest["kind"] == "risk":
-        allowed = f"a run; `{resume_command(path)}` continues this one"
+        allowed = "a run; the command `harness resume` continues this one"
         raise InputError(str(path), "is a risk estimate", allowed)
     study = study_from(manifest, str(path / folders.MANIFEST))
     with at_work(path, study, workers, executor) as (folder, chosen):
@@ -143,12 +145,26 @@ def resume(
         return _carried_out(folder, study, manifest, models, done, chosen, progress)
 
 
-def scenario_file(scenario: Scenario | str | Path, settings: Mapping[str, Any]) -> ScenarioFile:
-    """The scenario of a Python caller, with settings, as a file."""
-    if not isinstance(scenario, Scenario):
-        return read_scenario_file(scenario, settings)
-    given = tuple(Setting(key, value, "settings") for key, value in settings.items())
-    return ScenarioFile("scenario", "scenario", scenario.model_dump(), None, given, Path.cwd())
+def scenario_file(scenario: Scenario | str | Path, settings: Settings) -> ScenarioFile:
+    """A scenario, the file or name of one, or the folder of a run, with settings, as a file.
+
+    The folder of a run has the study of its manifest, whose paths are absolute.
+
+    Raises:
+        InputError: the file is no scenario, or the folder holds no run.
+    """
+    given, here = tuple(as_settings(settings)), Path.cwd()
+    if isinstance(scenario, Scenario):
+        return ScenarioFile("scenario", "scenario", scenario.model_dump(), None, given, here)
+    folder = Path(scenario)
+    if not folder.is_dir() or (shipped_directory("scenarios") / f"{folder}.toml").is_file():
+        return read_scenario_file(scenario, given)
+    where = str(folder / folders.MANIFEST)
+    with reading(where):
+        study = study_from(folders.read_manifest(folder, old=True), where)
+    cells = [{k: v for k, v in cell.varied.items() if v is not None} for cell in study.cells]
+    tree = study.base.model_dump()
+    return ScenarioFile(study.name, where, tree, cells if study.varied_keys else None, given, here)
 
 
 def checked_models(
@@ -245,7 +261,7 @@ def at_work(
     except InputError:
         raise
     except HarnessError as error:
-        advice = f"finished work is kept: {resume_command(path)}"
+        advice = f"finished work is kept: {advised('resume', path)}"
         raise HarnessError(f"{error}; {advice}") from None
     finally:
         own.abort()
