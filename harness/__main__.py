@@ -1,4 +1,7 @@
-"""``harness``, ``python -m harness``: a first worker for a run, unless ``--dask``; the command."""
+"""The entry point of the command ``harness`` and of ``python -m harness``.
+
+A run's first worker starts before the command is read, unless the workers are those of ``--dask``.
+"""
 
 import os
 import sys

@@ -6,19 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from harness import Arm, EgoView, Observation, PedestrianView, Side, Strategy
 from harness.core.errors import InputError
-from harness.core.vocabulary import (
-    Arm,
-    Arrival,
-    EgoView,
-    Ending,
-    Observation,
-    PedestrianView,
-    Side,
-    Strategy,
-    Trace,
-    Walk,
-)
+from harness.core.vocabulary import Arrival, Ending, Trace, Walk
 from harness.encounter import loop
 from harness.encounter.arrivals import planned_arrivals
 from harness.encounter.cell_constants import constants_of

@@ -1,4 +1,4 @@
-"""The application: all commands, and the exit codes of refusals and interruptions."""
+"""Arguments in; the command that they name is run, and its exit code is set."""
 
 import errno
 import io

@@ -1,10 +1,10 @@
-"""Named random streams, one for each random key or error; a risk samples most of them (risk.md).
+"""A seed, a purpose and a pair in; an independent stream of random numbers out.
 
 Every random number of a run comes from a stream keyed by (root seed, purpose, pair) and not by the
 order of execution or by the cell.  A pair therefore draws the same numbers in any worker, in any
 cell and after any resumption.  Within a stream the i-th draw belongs to pedestrian i (or to their
 group, if it describes one), unless the stream is keyed by the pedestrian too.  In ``warm_up`` the
-i-th group has the i-th row of four draws.
+i-th group has the i-th row of four draws.  A risk samples most streams (docs/risk.md).
 """
 
 import hashlib

@@ -1,4 +1,4 @@
-"""What encounters and simulations speak of: Vehicle, Observation, Arrival, Walk, Trace, LIMITED_BY.
+"""The terms of encounters and simulations, as types and constants that every room shares.
 
 Frame (SI units): x points along the road in the ego's direction and is 0 at the crosswalk's centre
 line; y points across the road and is 0 at the kerb on the ego's right and ``length_m`` at the other

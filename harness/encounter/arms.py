@@ -85,6 +85,9 @@ def named_strategy(
         scenario: has the parameters and the step.
         name: name of the strategy.
         model, rng: arguments for strategies that need them.
+
+    Raises:
+        InputError: there is no such strategy; its constructor may raise anything else.
     """
     factory = find_strategy(name, "arms")
     parameters = as_plain(scenario.strategies.get(name, {}))

@@ -1,7 +1,8 @@
-"""One step of one vehicle: what is seen; the command within Vehicle's limits (core/vocabulary.py).
+"""What a vehicle's driver observes at a step, and their command within the vehicle's limits, out.
 
 The step is the same in encounters, simulations, reinforcement learning, validation and checks of
-strategies.  How the vehicle obeys the command is ``core.actuation.Actuator``.
+strategies.  The limits are those of ``core.vocabulary.Vehicle``.  How the vehicle obeys the command
+is ``core.actuation.Actuator``.
 """
 
 import math

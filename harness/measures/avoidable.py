@@ -1,4 +1,7 @@
-"""Whether full braking (Vehicle's limits; measures.md) or an attentive human prevents a crash."""
+"""Episodes in; whether full braking or an attentive human would have prevented each crash, out.
+
+Full braking obeys the limits of ``core.vocabulary.Vehicle``; docs/measures.md defines both.
+"""
 
 import math
 from bisect import bisect_left

@@ -1,7 +1,8 @@
-"""Every reported number, an entry each: column, estimator, whether README's screen has it.
+"""The catalogue of every reported number: from which column it is estimated, and how.
 
-To report another number, add an entry: it names a column and an estimator.  Screens, page, JSON,
-CSV and the reference in the documentation follow.
+To report another number, add an entry: it names a column and an estimator, and says whether the
+first screen has the number (README.md shows that screen).  Screens, page, JSON, CSV and the
+reference in the documentation follow.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,6 +1,7 @@
-"""A run folder in Python (``harness.load_run``), with the note of an unfinished one.
+"""The folder of a run in; a ``Run`` with its tables, findings and results out.
 
-For example ``load_run("runs/cctc-1").episodes.groupby("arm")["delay_s"].mean()``.
+For example ``load_run("runs/cctc-1").episodes.groupby("arm")["delay_s"].mean()``.  The note of an
+unfinished run is made here, too.
 """
 
 import shlex
@@ -46,7 +47,9 @@ class Run:
     manifest: folders.Manifest
     """``manifest.json``: scenario, versions, models (docs/files.md); its tables are read-only."""
     study: Study
+    """Its cells with their checked scenarios."""
     finished: bool
+    """Whether every planned pair is there, episodes that failed among them."""
     cells: tuple[CellFindings, ...]
     """The findings of every cell that has a pair."""
 
@@ -176,6 +179,9 @@ def load_run(path: Path | str, settings: Mapping[str, Any] | None = None) -> Run
         path: the folder.
         settings: other thresholds of conflicts by dotted key, e.g. ``conflicts.pet_s``, for which
             all numbers are computed anew; nothing is written.
+
+    Returns:
+        The run.  An unfinished one has the pairs before the first one that is missing.
 
     Raises:
         InputError: the folder holds no run, its files are damaged, or a setting is refused.

@@ -1,6 +1,7 @@
-"""The notes of a run, a rule each; README and simulations.md quote some (more: loaded_run.py).
+"""The findings of cells in; notes out, which say what a reader of the numbers has to know.
 
-Comparisons, risks, validations and fits have notes of their own, in ``studies``.
+Comparisons, risks, validations and fits have notes of their own, in ``studies``; ``loaded_run`` has
+the note of an unfinished run.  README.md and docs/simulations.md quote some notes.
 
 To add a note, add a rule: it says a sentence about a cell from its findings and its scenario, or
 None.

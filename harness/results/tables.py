@@ -1,4 +1,7 @@
-"""The columns of every table, declared once: type, unit, meaning; see ``schema_digest``."""
+"""The tables of a run: every column with its type, unit and meaning.
+
+A run whose tables have other columns is refused (``folder.schema_digest``).
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,8 @@
-"""Checks on combinations of keys; which keys [simulation] accepts (a new one of [ego] also here).
+"""A scenario in; the refusal of keys that contradict each other, or have no effect, out.
 
 Every function raises ``InputError`` at the dotted key to change; ``validate`` says which file or
-option gave it.
+option gave it.  The keys that ``[simulation]`` accepts are listed here: a key of ``[ego]`` that it
+accepts has to be added to them.
 """
 
 import math

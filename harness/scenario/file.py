@@ -103,6 +103,9 @@ def read_scenario_file(name_or_path: str | Path, settings: Settings = ()) -> Sce
         name_or_path: a TOML file, or the name of a shipped scenario.
         settings: values that replace the file's, e.g. ``{"experiment.pairs": 20}``.
 
+    Returns:
+        The file's content, not yet checked; ``study_of`` and ``ScenarioFile.scenario`` check it.
+
     Raises:
         InputError: the file does not exist or is not TOML.
     """
@@ -130,7 +133,15 @@ def read_scenario_file(name_or_path: str | Path, settings: Settings = ()) -> Sce
 
 
 def load_scenario(name_or_path: str | Path, settings: Settings = ()) -> Scenario:
-    """The scenario of a file without its sweep, checked; see ``read_scenario_file``."""
+    """The scenario of a file, checked; a sweep of the file is left out.
+
+    Args:
+        name_or_path: a TOML file, or the name of a shipped scenario.
+        settings: values that replace the file's, e.g. ``{"experiment.pairs": 20}``.
+
+    Raises:
+        InputError: the file does not exist or is not TOML, or a key or value is not accepted.
+    """
     return read_scenario_file(name_or_path, settings).scenario()
 
 

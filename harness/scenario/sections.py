@@ -1,6 +1,7 @@
-"""Every key of a scenario except ``[pedestrians]`` and ``[traffic]``: limits, perception and so on.
+"""The tables of a scenario file and their keys, with the limits of each key.
 
-A section is frozen.  Each key is checked on its own; ``consistency`` checks them together.
+``[pedestrians]`` and ``[traffic]`` have modules of their own.  A section is frozen.  Each key is
+checked on its own; ``consistency`` checks them together.
 """
 
 import math

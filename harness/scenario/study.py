@@ -80,6 +80,10 @@ def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
 
     A key to which a setting gives a value is left out of the file's grid.
 
+    Args:
+        file: the scenario with its settings.
+        variations: keys with their values; every combination is a cell.
+
     Raises:
         InputError: a key or value is not accepted, a key varies twice or is also set, two cells are
             equal, or parameters are given to a strategy that drives in no cell.

@@ -60,7 +60,7 @@ def _setting_of(key: str, settings: Sequence[Setting]) -> Setting | None:
 
 
 def parse_variation(text: str) -> Variation:
-    """Split ``key=v1,v2,…``; a value is TOML or text.
+    """The key and the values of a text ``key=v1,v2,…``; a value is TOML or text.
 
     Raises:
         InputError: the text has another form.

@@ -1,8 +1,9 @@
-"""The rules of driven and turning vehicles (method.md, "Who drives"); ``LIMITED_BY`` counts steps.
+"""The driven and turning vehicles of a simulation in; the speeds that SUMO is given out.
 
 The lowest of three speeds applies: the strategy's, that of lanes and curves ahead, and SUMO's for
-leaders and junctions.  SUMO does not mind people at the crosswalks that a strategy has taken over;
-elsewhere it drives as ever.
+leaders and junctions.  ``LIMITED_BY`` names what limited a step; each driven step is counted.  SUMO
+does not mind people at the crosswalks that a strategy has taken over; elsewhere it drives as ever.
+docs/method.md has the rules ("Who drives").
 """
 
 import math

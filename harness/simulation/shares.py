@@ -1,4 +1,4 @@
-"""Which vehicles of a pair are AVs: by their ids and random bytes of the pair."""
+"""A seed and a pair in; SUMO's seed, and which vehicles are AVs (by their ids alone), out."""
 
 from collections.abc import Iterable, Set
 

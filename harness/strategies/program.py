@@ -1,4 +1,4 @@
-"""A strategy in another process, ``exec:./my_driver``, which reads observation.schema.json's form.
+"""A program of the user, such as ``exec:./my_driver``, in; a strategy that asks it out.
 
 The program reads one JSON line for each observation from its standard input and writes one number
 to its standard output.  ``observation.schema.json`` beside this file defines the form of a line

@@ -168,6 +168,9 @@ def check_strategy(
         settings: changes to a scenario that is given by name or path.
         limit_s: wall-time limit for all scenes together.
 
+    Returns:
+        A verdict for each rule.
+
     Raises:
         InputError: the strategy does not exist, or the scenario, a setting or a parameter is
             invalid.

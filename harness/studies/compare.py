@@ -157,6 +157,9 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
         mu0, kappa0: the paper's limits of μ (above 0) and κ (above 0, at most 1); with both, the
             values of a swept parameter are judged.
 
+    Returns:
+        The result: a row for each comparison, with the differences and their p.
+
     Raises:
         InputError: there is no run; one is not finished, of another kind or named twice; no two
             cells can be compared, a limit is out of range, or the reference met other people in one

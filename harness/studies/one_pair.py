@@ -71,6 +71,9 @@ def run_pair(
             a notebook's cell: ``{"arms.av": MyStrategy}``.
         engine: ``sumo``, or ``plain`` for the same kinematics without SUMO.
 
+    Returns:
+        The traces and records of both arms; an arm that failed has the reason in its record.
+
     Raises:
         InputError: the scenario, a setting or the pair is refused.
         HarnessError: SUMO does not start.

@@ -71,6 +71,9 @@ def worst(
         cell: number of the cell; None: all cells.
         driver: of simulations, who drove; None: anybody.
 
+    Returns:
+        The result: a row for each episode or passage, the worst first.
+
     Raises:
         InputError: the run is not finished, the measure, arm or cell does not exist, or every
             episode failed.

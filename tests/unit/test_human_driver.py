@@ -4,16 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.core.vocabulary import (
-    Arm,
-    Crossing,
-    EgoView,
-    Observation,
-    PedestrianView,
-    Side,
-    Trace,
-    Vehicle,
-)
+from harness import Arm, Crossing, EgoView, Observation, PedestrianView, Side, Vehicle
+from harness.core.vocabulary import Trace
 from harness.encounter.arms import make_strategy
 from harness.model.interaction import InteractionModel
 from harness.model.mixture.conditional import Conditional

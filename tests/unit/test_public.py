@@ -3,6 +3,8 @@
 import ast
 import doctest
 import importlib
+import inspect
+import re
 import tomllib
 from pathlib import Path
 from typing import get_args, get_type_hints
@@ -39,6 +41,9 @@ def test_every_public_name_is_there_and_says_what_it_is(name: str) -> None:
     found = getattr(harness, name)
     assert found.__doc__
     assert getattr(found, "__module__", found.__name__).startswith("harness.")
+    if inspect.isfunction(found):
+        assert inspect.signature(found).parameters.keys() <= {*re.findall(r"\w+", found.__doc__)}
+        assert "Returns:" in found.__doc__ or found.__doc__.startswith(("The ", "A ", "An "))
 
 
 def test_citation_and_changelog_name_the_version() -> None:

@@ -1,4 +1,8 @@
-"""Perception errors (strategies.md): the truth in; what encounters and people_at.py show out."""
+"""The truth at a step in; the pedestrians as a sensor with errors shows them out.
+
+docs/strategies.md defines the errors.  ``encounter_view`` uses them in encounters, and
+``simulation.people_at`` in simulations.
+"""
 
 import math
 from collections import deque

@@ -1,7 +1,8 @@
-"""Drivers in place of recorded ones: how close they come; ``_KEYS`` of [ego] and so on that count.
+"""Recorded passages and drivers in; how close each driver comes to the recorded one out.
 
 Each driver drives every recorded passage, among the people who walk as recorded.  Both scores have
 intervals over vehicles, because the passages of one vehicle, or of its copies, are not independent.
+``_KEYS`` lists the keys of a scenario that have an effect here.
 """
 
 import hashlib

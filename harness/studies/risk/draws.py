@@ -134,6 +134,13 @@ def draw_units(
     """Draw units and run their episodes; the rows of ``draws``.
 
     A unit depends on the seed, its round and its number alone.
+
+    Args:
+        proposal: the densities from which units are drawn.
+        space: the risk's event and random numbers.
+        round_: number of the round.
+        units: numbers of the units within the round.
+        run: runs the episodes of some draws.
     """
     rngs = [stream(space.seed, "risk", unit, round_) for unit in units]
     size, n = len(space.fixed), len(units)

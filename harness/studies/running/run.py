@@ -82,6 +82,9 @@ def run(
             than ``at_once`` tasks at a time.
         progress: see ``Progress``.
 
+    Returns:
+        The finished run.  Episodes that failed are rows with a reason.
+
     Raises:
         InputError: the input or the folder is refused; nothing has been written.
         HarnessError: the folder can no longer be written, or the workers are lost; the run can be
@@ -122,6 +125,13 @@ def resume(
     progress: Progress = quiet,
 ) -> Run:
     """Continue an interrupted run; parts that were lost or damaged are simulated again.
+
+    Args:
+        path: the run folder.
+        workers, executor, progress: as for ``run``.
+
+    Returns:
+        The finished run.
 
     Raises:
         InputError: the folder is a risk or no run, another process uses it, it has parts of another

@@ -1,7 +1,9 @@
-"""The executors of tasks (__main__ knows their options): local, Dask; batches.md, trust: files.md.
+"""Tasks in; their results out, from workers on this machine or on a Dask cluster.
 
 ``supervise`` carries out a task in any ``concurrent.futures.Executor``: in threads of this process,
-or in those of a Dask worker.  It gives the task to a child process, and watches it.
+or in those of a Dask worker.  It gives the task to a child process, and watches it.  ``__main__``
+knows the options that choose an executor; docs/batches.md describes them, and docs/files.md says
+what is trusted.
 
 Why no library: Pebble limits a whole task and kills its process alone, while a limit is needed for
 one answer of a strategy, and its programs must end too; with loky a death breaks all that is
