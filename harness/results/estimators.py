@@ -195,7 +195,8 @@ def difference(
     known, low, high = differences[~np.isnan(differences + over)], found.low, found.high
     if found.value is None:
         return replace(found, n=0, p=None)
-    p, least = max(sign_flip_p(known), found.p or 0.0), 1 - sampling.confidence
+    p, least = sign_flip_p(known), 1 - sampling.confidence
+    p = p if found.p is None else max(p, found.p)
     if low is not None and high is not None:
         if low <= 0.0 <= high:
             p = max(p, least)

@@ -203,8 +203,9 @@ def _model_fit(cell: CellFindings) -> Iterator[Said]:
 
 def _speeding(cell: CellFindings) -> Iterator[Said]:
     limit_mps = cell.scenario.speed_limit_mps
-    speeds = ((cell[f"max_speed_mps{end}"].value or 0.0, who) for who, end in cell.arms)
-    fastest, who = max(speeds)
+    speeds = [(cell[f"max_speed_mps{end}"].value, who) for who, end in cell.arms]
+    known = [(speed, who) for speed, who in speeds if speed is not None]
+    fastest, who = max(known, default=(0.0, ""))
     if fastest > limit_mps * (1 + SPEED_ROUNDING):
         text = f"The {who} drove at up to {fastest:.3g} m/s, above the limit of {limit_mps:g} m/s."
         yield Said(text, weight=fastest - limit_mps)
@@ -248,7 +249,8 @@ def _collisions(cell: CellFindings) -> Iterator[Said]:
 
 
 def _few_simulations(cell: CellFindings) -> Iterator[Said]:
-    ran = cell["people_wait_s_difference"].n or cell["pairs"].count  # nobody came
+    ran = cell["people_wait_s_difference"].n
+    ran = cell["pairs"].count if ran is None else ran  # nobody came
     if ran < RELIABLE_PAIRS:
         rests = f"intervals rest on {ran:,} pairs" if ran > 1 else "one pair has no intervals"
         more = f"Intervals are reliable from {RELIABLE_PAIRS} pairs on."
@@ -265,7 +267,8 @@ def _cut_off(cell: CellFindings) -> Iterator[Said]:
 def _who_drove(cell: CellFindings) -> Iterator[Said]:
     share, by_sumo = cell["share_strategy"].value, [cell[f"share_{each}"].value for each in BY_SUMO]
     driven, passages = cell["driven"], cell["driven"].n
-    if not passages or ((share or 0.0) > DECIDED and driven.count > DRIVEN * passages):
+    decided = share is not None and share > DECIDED
+    if not passages or (decided and driven.count > DRIVEN * passages):
         return
     of_sumo = 1.0 if share is None else sum(each for each in by_sumo if each is not None)
     text, more = f"SUMO decided {100 * of_sumo:.0f} % of {cell.scenario.arms.av}'s steps.", ""
@@ -279,8 +282,9 @@ def _fills(cell: CellFindings) -> Iterator[Said]:
     growth = {}
     for who, end in cell.arms:
         share, due = cell[f"growth{end}"].value, cell[f"vehicles{end}"].value
-        chance = CHANCE * math.sqrt(3 * VARIANCE / max(due or 0, 3))
-        if share is not None and due and share > max(GROWTH, chance):
+        if share is None or not due:
+            continue
+        if share > max(GROWTH, CHANCE * math.sqrt(3 * VARIANCE / max(due, 3))):
             growth[f"{100 * share:.0f} % of those due in a third of the time ({who})"] = share
     if growth:
         text = f"The roads fill: the number of vehicles grows by {_listed([*growth])}."
@@ -363,7 +367,9 @@ def retries(again: int | None) -> list[Note]:
     """The note that so many tasks ran again because their process had died; None: unknown."""
     number = f"{again:,} in log.jsonl" if again else "unknown how many, if any: no whole log.jsonl"
     text = f"Tasks whose process had died were tried again ({number})."
-    note = Note("tried_again", len(RULES), "tried again", text, weight=again or 0)
+    note = Note(
+        "tried_again", len(RULES), "tried again", text, weight=0 if again is None else again
+    )
     return [] if again == 0 else [note]
 
 

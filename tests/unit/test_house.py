@@ -31,7 +31,7 @@ ROOMS = {
     "measures": 1_190,
     "simulation": 1_560,
     "site": 280,
-    "results": 2_120,
+    "results": 2_130,
     "report": 1_731,
     "rl": 170,
     "cli": 700,

@@ -118,7 +118,7 @@ def _data_warnings(sample: Sample, near: Mapping[str, Any]) -> Iterable[str]:
             f"{copies} of {len(sample.row)} rows are copies of another row. A row in m encounters "
             f"has weight 1/m in each, and BIC's n is {sample.weights.sum():.4g}."
         )
-    if (sample.vehicles or 0) < (sample.named_vehicles or 0):
+    if sample.vehicles != sample.named_vehicles:
         yield (
             f"The {sample.named_vehicles} vehicle names count as {sample.vehicles} vehicles, "
             "because some share rows or tracks; each vehicle is in one fold."

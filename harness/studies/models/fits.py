@@ -151,7 +151,7 @@ def fit(
         InputError: the rows do not determine a fit, or the criterion cannot be applied.
         HarnessError: a worker died.
     """
-    folds = min(settings.folds, sample.vehicles or 0)
+    folds = 0 if sample.vehicles is None else min(settings.folds, sample.vehicles)
     folds = folds if folds > 1 else 0
     _check(sample, settings, folds)
     fold_of_row = np.zeros(len(sample.data))
@@ -234,9 +234,10 @@ def fit_weighted(
     if used.all() or sample.vehicle is None:
         return found, {}
     vehicle, held, scores = sample.vehicle[~used], sample.weights[~used], {}
+    vehicles = int(sample.vehicle.max()) + 1
     for name in TARGETS:
         logs = log_scores(found.mixture, sample.data[~used], name)
-        sums = [np.bincount(vehicle, of, sample.vehicles or 0) for of in (logs * held, held)]
+        sums = [np.bincount(vehicle, of, vehicles) for of in (logs * held, held)]
         scores[name] = HeldOut(*frozen(np.array(sums, dtype=float)))
     return found, scores
 
