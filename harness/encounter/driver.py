@@ -54,7 +54,8 @@ class Driver:
         truth: Callable[[], Views],
         sensor: Callable[[bool], Views] | None = None,
     ) -> None:
-        self._way, self._step_s, self._truth, self._sensor = way, step_s, truth, sensor
+        self._way, self._step_s = way, step_s
+        self._truth, self._sensor = truth, sensor
         vehicle = way.vehicle
         self._detection_m = vehicle.detection_range_m + ROUNDING
         self._least_mps2 = -vehicle.max_deceleration_mps2

@@ -20,6 +20,7 @@ from harness.core.errors import InputError, Parameter, unknown_name
 from harness.core.freezing import Frozen
 from harness.core.vocabulary import FloatArray
 from harness.model.interaction import INVERSE_RANGE, PEDESTRIAN_SPEED, VARIABLES
+from harness.model.mixture.normals import effective
 from harness.model.trajectories.extraction import ENCOUNTER_KEY, EXTRACTION_KEY, VEHICLE_KEY
 from harness.model.trajectories.rules import TEXT_COLUMNS
 from harness.model.trajectories.table import identifiers, read_table, require_columns
@@ -285,9 +286,7 @@ def effective_number(item: np.ndarray | None, weights: FloatArray) -> float | No
     """
     if item is None:
         return None
-    each = np.bincount(item, weights)
-    squares = float((each**2).sum())
-    return float(each.sum() ** 2 / squares) if squares > 0 else 0.0
+    return effective(np.bincount(item, weights).astype(float))
 
 
 def _variables(rows: pd.DataFrame) -> FloatArray:

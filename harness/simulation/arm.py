@@ -26,6 +26,8 @@ QUEUED_MPS = 5 / 3.6
 """A vehicle below this speed is queued (5 km/h, as in SUMO's queue output)."""
 SAMPLE_S = 1.0
 """Time between two samples of the queues."""
+LEAST_RANGE_M = 0.1
+"""The least R0 of a passage whose vehicle came onto the road at the crosswalk."""
 STROLL_S = 0.5
 """Time between two looks at people while no vehicle is within R0."""
 
@@ -54,7 +56,8 @@ class SimulatedArm:
         self, setup: Setup, session: Session, pair: int, arm: Arm, model: InteractionModel
     ) -> None:
         self.setup, self.session, self._vehicles = setup, session, session.vehicles
-        self._pair, self._arm, self._model, self._steps = pair, arm, model, 0
+        self._pair, self._arm, self._model = pair, arm, model
+        self._steps = 0
         self._key = stream(setup.scenario.experiment.seed, "automated", pair).bytes(32)
         self.passages: list[Passage] = []
         self.automated: dict[str, bool] = {}
@@ -73,7 +76,8 @@ class SimulatedArm:
         self._approaches = Approaches(setup, session)
 
     def _people_at(self, crosswalk: Crosswalk) -> PeopleAt:
-        setup, session, own = self.setup, self.session, None
+        setup, session = self.setup, self.session
+        own = None
         if setup.own_people:
             cars, refresh = self._cars, self._refresh
             own = OwnPeople(session, setup, crosswalk, self._pair, self._speeds, cars, refresh)
@@ -271,7 +275,7 @@ class SimulatedArm:
         over_m = max(0.0, x_m + range_m)
         reach_m = (car.speed_mps + car.vehicle.max_deceleration_mps2 * step_s) * step_s
         within = car.speed_mps > 0 and over_m <= reach_m  # it may have departed here
-        passage.begin(time_s, range_m if within else max(-x_m, 0.1))
+        passage.begin(time_s, range_m if within else max(-x_m, LEAST_RANGE_M))
         if over_m > ROUNDING and within:
             # Time since R0, from over = v t − a t²/2.
             gain = car.acceleration_mps2 if setup.config.ballistic else 0.0

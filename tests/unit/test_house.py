@@ -24,7 +24,7 @@ CODE = {"harness": 19_000, "tests": 13_000, "benchmarks": 1_700, "docs": 600, "e
 ROOMS = {
     "core": 585,
     "scenario": 1_016,
-    "model": 2_020,
+    "model": 2_023,
     "strategies": 1_305,
     "engine": 1_280,
     "encounter": 1_036,
@@ -35,7 +35,7 @@ ROOMS = {
     "report": 1_731,
     "rl": 170,
     "cli": 700,
-    "studies": 4_145,
+    "studies": 4_142,
 }
 CODE |= {f"harness/{room}": lines for room, lines in ROOMS.items()}
 RUNNING = (

@@ -162,7 +162,8 @@ def climb(
     # Imported here, because episodes load this package without fitting.
     from scipy import optimize
 
-    at, steps, more, least = likelihood.at(first), 0, _FIRST_STEPS, np.inf
+    at = likelihood.at(first)
+    steps, more, least = 0, _FIRST_STEPS, np.inf
     while at is not None:
         coordinates = Coordinates(likelihood, at)
         gradient, norm = coordinates.gradient()

@@ -27,6 +27,12 @@ class Normals(NamedTuple):
     scales: FloatArray
 
 
+def effective(weights: FloatArray) -> float:
+    """Kish's effective number of points with weights (n,), (Σw)²/Σw²; 0 if all weights are 0."""
+    squares = float(np.sum(weights**2))
+    return float(weights.sum()) ** 2 / squares if squares else 0.0
+
+
 def clustered_normals(
     points: FloatArray, weights: FloatArray, count: int, rng: np.random.Generator
 ) -> Normals:

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from statistics import NormalDist
 from types import MappingProxyType
 from typing import Any
 
@@ -18,6 +19,7 @@ from harness.model.interaction import (
     write_model,
 )
 from harness.model.sample import RowFile, Sample, box_of, effective_number, make_sample, read_rows
+from harness.results.estimators import CONFIDENCE
 from harness.results.finding import Finding
 from harness.studies.models import fits
 from harness.studies.models.fits import TARGETS, FitSettings, Fitted, HeldOut
@@ -28,8 +30,11 @@ NEAR = MappingProxyType(
 )
 """The state at the paper's trigger, and by how much rows near it differ from it at most."""
 
-_NORMAL, SCORE_RELIABLE_FROM = 1.96, 100
-"""The normal quantile of 95 % intervals, and vehicles from which a score's interval is reliable."""
+_NORMAL = NormalDist().inv_cdf((1 + CONFIDENCE) / 2)
+"""The normal quantile at the ends of a score's interval."""
+
+SCORE_RELIABLE_FROM = 100
+"""Vehicles from which a score's interval is reliable."""
 
 FEW = 10
 """The card warns if fewer vehicles or effective rows than this are near the scenario's state."""

@@ -30,6 +30,7 @@ from scipy import special
 from harness.core.freezing import Frozen
 from harness.core.seeding import Given, stream
 from harness.core.vocabulary import FloatArray
+from harness.model.mixture.normals import effective
 from harness.results.estimators import CONFIDENCE, clopper_pearson
 from harness.results.tables import Row
 from harness.studies.risk.densities import NormalMixture, standard_normal
@@ -273,12 +274,6 @@ def bound(rounds: Sequence[Units]) -> tuple[float | None, int, int]:
     draws, events = (sum(getattr(units, name) for units in rounds) for name in ("draws", "events"))
     high = clopper_pearson(events, draws, 2 * CONFIDENCE - 1)[1] if draws else None
     return high, draws, events
-
-
-def effective(value: FloatArray) -> float:
-    """Kish's effective number, (Σv)²/Σv²; 0 if all values are 0."""
-    squares = float(np.sum(value**2))
-    return float(value.sum()) ** 2 / squares if squares else 0.0
 
 
 def interval(value: FloatArray, weighted: bool) -> tuple[float, float, float]:

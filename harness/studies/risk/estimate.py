@@ -24,6 +24,7 @@ from harness.encounter.loop import Episode
 from harness.encounter.pairing import PairRunner
 from harness.engine.shared import open_engine
 from harness.measures import Outcome, measure
+from harness.model.mixture.normals import effective
 from harness.results import folder as folders, tables
 from harness.results.catalogue import entries_of
 from harness.results.cell_findings import CellFindings
@@ -262,7 +263,7 @@ def risk_findings(rounds: Sequence[Units]) -> dict[str, Finding]:
     summed = ("episodes", "failures", "timed_out_episodes")
     told = {name: Finding(sum(getattr(each, name) for each in rounds)) for name in summed}
     bound, draws, events = risk_draws.bound(rounds)
-    total, size = float(value.sum()), risk_draws.effective(value)
+    total, size = float(value.sum()), effective(value)
     told["probability"] = Finding(None, n=n, events=0)
     told["nominal_high"] = told["all_ways_high"] = Finding(bound, n=draws, events=events)
     if total:

@@ -13,8 +13,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from harness.core.vocabulary import FloatArray
+from harness.model.mixture.normals import effective
 from harness.studies.risk.densities import NormalMixture, fitted
-from harness.studies.risk.draws import Proposal, Units, bound, effective
+from harness.studies.risk.draws import Proposal, Units, bound
 from harness.studies.risk.space import Space
 
 _LOOKS = 1_000
@@ -136,9 +137,10 @@ def _learn(
     Returns:
         The proposal of the estimate, nominal if brute force is cheaper, and its number of draws.
     """
-    flow, looked, highest = bool(space.rate_per_s), len(rounds), 1.0
+    flow, looked = bool(space.rate_per_s), len(rounds)
     count, lowest = _ROUND if flow else _ROUND_WITHOUT_FLOW
-    proposal, needed, each = Proposal(many=_PLACED * flow), math.inf, 1.0
+    proposal = Proposal(many=_PLACED * flow)
+    needed, highest, each = math.inf, 1.0, 1.0
     while True:
         learned = rounds[looked:]
         spent = sum(units.episodes for units in learned)
