@@ -48,7 +48,7 @@ def _episode(fate: Fate) -> dict[str, Any]:
     known |= {"stopped_s": 0.0, "pedestrians": 1, "arrivals": 1, "pedestrian_delay_s": 0.0}
     if isinstance(fate, float):
         fate = {"pass_time_s": fate}
-    changes = {"ending": fate} if isinstance(fate, str) else dict(fate)
+    changes: Any = {"ending": fate} if isinstance(fate, str) else dict(fate)
     if changes.get("ending") == "crashed":
         known |= {"contact": "front", "contact_time_s": 5.0, "contact_speed_mps": 5.0}
     if (time_s := changes.get("pass_time_s")) is not None:
@@ -102,7 +102,7 @@ def run_of(
 
     tables = {cell.number: rows(cell) for cell in of.cells}
     cells = tuple(cell_findings(cell, {"episodes": tables[cell.number]}, 0.95) for cell in of.cells)
-    manifest = {"confidence": 0.95, "engine": "libsumo"}
+    manifest: Any = {"confidence": 0.95, "engine": "sumo"}
     manifest |= {"seed": of.base.experiment.seed, "simulated_with": {"code": code_of_rows()}}
     return MadeRun(Path(name), manifest, of, finished, cells, tables=tables)
 

@@ -6,6 +6,8 @@ Flows are per second, times in s, lengths in m.
 import math
 from collections.abc import Sequence
 
+from scipy import stats
+
 
 def gap_wait_s(flow_per_s: float, critical_gap_s: float) -> float:
     """Mean wait for a gap of at least t in a Poisson stream: (e^{qt} − qt − 1)/q.
@@ -50,3 +52,9 @@ def priority_capacity_per_s(
     """
     rate = pedestrians_per_s
     return rate * math.exp(-rate * block_s) * sum(math.exp(-rate * d) for d in commit_after_s)
+
+
+def lognormal(mean: float, std: float):
+    """SciPy's lognormal with these two moments."""
+    of = 1 + std**2 / mean**2
+    return stats.lognorm(s=math.sqrt(math.log(of)), scale=mean / math.sqrt(of))

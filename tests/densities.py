@@ -6,6 +6,7 @@ scipy's multivariate normal, everything else from sums over fine grids.
 """
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy import integrate, stats
@@ -13,6 +14,7 @@ from scipy import integrate, stats
 from harness.model.mixture.distribution import TruncatedGaussianMixture
 
 R, V, VP, W = range(4)
+_normal: Any = stats.multivariate_normal
 
 
 class Joint:
@@ -26,9 +28,9 @@ class Joint:
     def masses(self) -> np.ndarray:
         return np.array(
             [
-                stats.multivariate_normal(
-                    mean, covariance, maxpts=200_000, abseps=1e-7, releps=1e-6, seed=1
-                ).cdf(self.upper, lower_limit=self.lower)
+                _normal(mean, covariance, maxpts=200_000, abseps=1e-7, releps=1e-6, seed=1).cdf(
+                    self.upper, lower_limit=self.lower
+                )
                 for mean, covariance in zip(self._locations, self._scales, strict=True)
             ]
         )

@@ -24,7 +24,8 @@ def as_main() -> Iterator[dict[str, Any]]:
 def run_cell(source: str, names: dict[str, Any]) -> Any:
     """Run one cell; returns the value of its last line, None where that is no expression."""
     tree = ast.parse(source)
-    last = tree.body.pop() if tree.body and isinstance(tree.body[-1], ast.Expr) else None
+    ends = bool(tree.body) and isinstance(tree.body[-1], ast.Expr)
+    last: Any = tree.body.pop() if ends else None
     exec(compile(tree, "<cell>", "exec"), names)
     if last is None:
         return None

@@ -22,7 +22,7 @@ from harness.studies.risk.space import GRADINGS, Space
 
 DIMENSIONS = 6
 
-FLAT = Space(("quantile",) * DIMENSIONS)
+FLAT = Space(tuple("quantile" for _ in range(DIMENSIONS)))
 CROWD = Space(("quantile",), ("quantile",), rate_per_s=0.5, window_s=8.0)
 
 Case = tuple[RunDraws, float]
@@ -86,7 +86,7 @@ def half_space(p: float) -> Case:
 def union(p: float) -> Case:
     """Beyond either of two planes at right angles: 1 − (1 − p₁)(1 − p₂)."""
     one, two = 0.7 * p, 0.3 * p
-    far = stats.norm.isf([one, two])
+    far = np.array(stats.norm.isf([one, two]))
 
     def score(z: np.ndarray) -> np.ndarray:
         return np.minimum(far[0] - z[:, 0], far[1] - (0.8 * z[:, 2] - 0.6 * z[:, 1]))

@@ -25,9 +25,9 @@ Walker = tuple[float, Side, float]
 """When they step off (or arrive), from where, how fast they walk in m/s."""
 
 
-def scenario(**sections: dict[str, object]) -> Scenario:
+def scenario(**sections: dict[str, Any]) -> Scenario:
     """The paper's scenario (its kerb rule and step) with changes by section."""
-    tree: dict[str, dict[str, object]] = {"pedestrians": {"kerb_wait_s": 0.0}}
+    tree: dict[str, dict[str, Any]] = {"pedestrians": {"kerb_wait_s": 0.0}}
     for name, values in sections.items():
         tree.setdefault(name, {}).update(values)
     return validate(tree, "test")

@@ -45,7 +45,7 @@ def folder(form: str, tmp_path: Path) -> Path:
 def is_the_encounter(rows: pd.DataFrame) -> None:
     """Whether every row lies on the two lines; v, v_p and T_adv do not change on them."""
     seconds = (41 - rows["range_m"]) / 5
-    expected = {
+    expected: dict = {
         "lateral_m": 6 - 1.2 * seconds,
         "vehicle_speed_mps": 5.0,
         "pedestrian_speed_mps": 1.2,

@@ -3,7 +3,6 @@
 import math
 import sys
 import types
-from collections.abc import Iterator
 from pathlib import Path
 from threading import Event
 from typing import ClassVar
@@ -127,7 +126,7 @@ BROKEN = {
 
 
 @pytest.fixture
-def made_up(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+def made_up(monkeypatch: pytest.MonkeyPatch) -> str:
     """The strategies above as a module of a user."""
     name = "made_up_strategies"
     module = types.ModuleType(name)

@@ -9,16 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.core.files import shipped_directory
 from harness.model.interaction import VARIABLES, load_model
 from harness.model.mixture.fitting import climb
 from harness.model.mixture.likelihood import Likelihood
 from harness.model.mixture.normals import Normals
 from harness.model.sample import make_sample
 from harness.model.trajectories.extraction import extract
-from harness.scenario import Scenario, load_scenario
 from harness.studies.models.fits import FitSettings, fit
-from harness.studies.models.processes import processes
 
 DUT = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "dut"
 needs_dut = pytest.mark.skipif(
@@ -26,20 +23,6 @@ needs_dut = pytest.mark.skipif(
     reason="needs the DUT set in ../shared/data/dut beside the repository",
 )
 NAMES = ("dut", "dut-k10")
-
-
-def test_scenarios_use_the_default_model():
-    assert Scenario().model.name == "dut"
-    for file in shipped_directory("scenarios").glob("*.toml"):
-        assert load_scenario(file).model.name == "dut", file
-
-
-def test_default_number_of_components_has_the_highest_held_out_score():
-    card = load_model("dut").provenance
-    assert card["chosen_by"] == "held-out"
-    assert [of["components"] for of in card["candidates"]] == list(range(1, 21))
-    best = max(card["candidates"], key=lambda of: of["held_out"]["mean"])
-    assert best["components"] == card["components"]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -98,14 +81,3 @@ def test_the_cards_have_the_tracks_of_the_data(sample):
     assert len(sample.tracks) == sample.vehicles == 33
     for name in NAMES:
         assert load_model(name).provenance["tracks"] == sample.tracks
-
-
-@needs_dut
-@pytest.mark.slow
-def test_no_fit_of_the_shipped_data_ends_on_a_slope(sample):
-    settings = FitSettings(tuple(range(1, 21)), choose="bic", starts=1, folds=0)
-    with processes(2) as executor:
-        candidates = fit(sample, settings, executor).candidates
-    for candidate in candidates:
-        assert candidate.fit.converged, candidate.components
-        assert candidate.fit.gradient_norm < 1e-7, candidate.components

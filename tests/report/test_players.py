@@ -88,7 +88,7 @@ def opened(browser: Any, single: Run) -> Opened:
 @pytest.fixture(scope="module")
 def swept(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """Two flows and two strategies, one of which fails in every episode; no traces."""
-    vary = {"pedestrians.flow_per_hour": [300.0, 900.0], "arms.av": [Failing, "constant_speed"]}
+    vary: Any = {"pedestrians.flow_per_hour": [300, 900], "arms.av": [Failing, "constant_speed"]}
     out = tmp_path_factory.mktemp("swept")
     return run("cctc_flow", pairs=4, vary=vary, out=out, **QUICK)
 

@@ -117,7 +117,7 @@ def test_texts(number: Finding, style: Style, text: str) -> None:
 
 COLUMNS = [Column(name, name) for name in ("", "AV", "human_gmm")]
 COLUMNS += [Column("paired", "AV against reference", interval=True)]
-ROWS = [
+ROWS: list = [
     (name, *(Shown(Finding(of, of - 0.5, of + 0.5, 50), Style(digits=d)) for of in (9, 12, 3)))
     for d, name in enumerate(["time to cross, s", "delay, s", "spread of that ratio"])
 ]

@@ -38,7 +38,7 @@ def least_coverage(intervals: list[tuple[float, float]]) -> float:
 def test_clopper_pearson_covers_at_least_95_percent(n: int) -> None:
     assert least_coverage([clopper_pearson(k, n, 0.95) for k in range(n + 1)]) >= 0.95 - 1e-7
     # Another interval would be caught: Wilson's covers 95 % on average, but not everywhere.
-    wilson = [tuple(stats.binomtest(k, 50).proportion_ci(0.95, "wilson")) for k in range(51)]
+    wilson: list = [stats.binomtest(k, 50).proportion_ci(0.95, "wilson") for k in range(51)]
     assert least_coverage(wilson) < 0.9
 
 

@@ -10,17 +10,19 @@ The files of ``tests/data/people`` have counts and published figures alone:
 - ``field_sites.csv``: 12 periods at 6 crossings, NCHRP Project 17-87, working paper on uncontrolled
   crossings, tables B-1 to B-4.
 
-docs/validation.md says what is simulated of each, and has the errors.
+docs/validation.md says what is simulated of each, and has the errors.  What is expected here is
+measured, or follows from published models and formulas.
 """
 
 import csv
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from harness.core.vocabulary import Arm, Observation, Trace
 from harness.encounter.arms import make_strategy
@@ -30,6 +32,7 @@ from harness.model.interaction import load_model
 from harness.scenario import Scenario, validate
 from harness.strategies.manoeuvres import stop_after
 from harness.studies.running.run import run
+from tests.closed_forms import lognormal
 from tests.scenes import episode
 
 pytestmark = pytest.mark.slow
@@ -47,19 +50,12 @@ TO_ZONE_M, CAR_WIDTH_M, CAR_MPS = 1.95, 1.8, 50 / 3.6
 MOST_SHARED_PER_HOUR = 20.0
 """Where fewer people come, this many are simulated: they meet each other too rarely to matter."""
 
-FIRST_OFF = {
-    "threshold": {"human_yield": 0.151, "gap_yield": 0.608},
-    "gap_acceptance": {"human_yield": 0.105, "gap_yield": 0.352},
-    "constant": {"human_yield": 0.042, "gap_yield": 0.100},
-}
-"""Mean absolute error of the share in which the person goes first (docs/validation.md)."""
+NCHRP_OFF_S = 1.80
+"""Mean absolute error of NCHRP's own formula for the waits (docs/validation.md)."""
 
-WAITS_OFF = {
-    "threshold": (4.25, 0.14, -5.66, 0.43),
-    "gap_acceptance": (-1.38, 0.06, -0.38, 0.07),
-    "constant": (-2.74, 0.04, -2.22, 0.08),
-}
-"""Mean error of waits in s and R², each with its standard error (docs/validation.md)."""
+UPPER_QUARTILES_S = {"25": (5.4, 6.3, 7.3), "35": (4.9, 5.9, 6.7)}
+"""Of setting off before a yielding car, at gaps of 2, 3 and 4 s, by its speed in mph: the published
+model's, from 40,000 draws."""
 
 Cell = Mapping[str, str]
 
@@ -147,22 +143,49 @@ def starts_s(cell: Cell, behaviour: str) -> np.ndarray:
     return np.array([math.inf if start is None else start - lead_s for start in starts])
 
 
-@pytest.mark.parametrize(
-    ("behaviour", "gaps_off", "quartiles_off_s"),
-    [("threshold", 0.065, 1.35), ("gap_acceptance", 0.109, 2.90), ("constant", 0.380, 3.06)],
-)
-def test_gaps_accepted_and_quartiles_of_setting_off(behaviour, gaps_off, quartiles_off_s) -> None:
-    measured = [int(cell["started_before_the_car"]) / int(cell["trials"]) for cell in STEADY]
-    shares = [(starts_s(cell, behaviour) < speed_and_gap(cell)[1]).mean() for cell in STEADY]
-    assert np.abs(np.subtract(shares, measured)).mean() == pytest.approx(gaps_off, abs=6e-4)
+def by_threshold(speed_mps: float, gap_s: float) -> float:
+    """Share that goes before a car at constant speed by Pekkanen et al. (2022), closed form.
+
+    They decide at once or not at all: ln θ ~ N(1.430, 0.405²), ln latency ~ N(0.0166, 0.604²).
+    """
+    effective_s = gap_s + 0.252 * (speed_mps * gap_s / CAR_MPS - gap_s)
+    decide = stats.norm.cdf((math.log(effective_s) - 1.430) / 0.405)
+    return float(decide * stats.norm.cdf((math.log(gap_s) - 0.0166) / 0.604))
+
+
+def by_gap(_speed_mps: float, gap_s: float) -> float:
+    """The same with a log-normal critical gap of mean 4 s and standard deviation 2.5 s."""
+    return float(lognormal(4.0, 2.5).cdf(gap_s))
+
+
+EXPECTED: dict[str, tuple[Callable[[float, float], float], float]] = {
+    "threshold": (by_threshold, 0.08),
+    "gap_acceptance": (by_gap, 0.13),
+}
+"""The closed form of each behaviour, and how far the measured shares may be from it on average."""
+
+
+@pytest.mark.parametrize("behaviour", EXPECTED)
+def test_gaps_accepted_are_those_of_the_closed_form(behaviour: str) -> None:
+    """Within four standard errors."""
+    expected, measured_off = EXPECTED[behaviour]
     errors = []
+    for cell in STEADY:
+        speed_mps, gap_s = speed_and_gap(cell)
+        share = (starts_s(cell, behaviour) < gap_s).mean()
+        assert abs(share - expected(speed_mps, gap_s)) < 4 * math.sqrt(0.25 / TRIALS), cell
+        errors.append(abs(share - int(cell["started_before_the_car"]) / int(cell["trials"])))
+    assert np.mean(errors) < measured_off
+
+
+def test_setting_off_before_a_yielding_car() -> None:
+    """The upper quartiles of the published model, which are near the measured ones."""
     for cell in YIELDING:
-        starts = np.sort(starts_s(cell, behaviour))
-        for share in (25, 50, 75):
-            if cell[f"start_q{share}_s"]:
-                at = starts[math.ceil(share / 100 * TRIALS) - 1]
-                errors.append(abs(at - float(cell[f"start_q{share}_s"])))
-    assert np.mean(errors) == pytest.approx(quartiles_off_s, abs=6e-3)
+        if cell["speed_mph"] in UPPER_QUARTILES_S and cell["time_gap_s"] != "5":
+            known_s = UPPER_QUARTILES_S[cell["speed_mph"]][int(cell["time_gap_s"]) - 2]
+            found_s = float(np.quantile(starts_s(cell, "threshold"), 0.75, method="higher"))
+            assert found_s == pytest.approx(known_s, abs=0.4), cell
+            assert found_s == pytest.approx(float(cell["start_q75_s"]), abs=0.8), cell
 
 
 def pedestrian_first(trace: Trace) -> bool:
@@ -178,13 +201,13 @@ def pedestrian_first(trace: Trace) -> bool:
     return bool(walk.start_s + TO_ZONE_M / walk.speed_mps < front_s)
 
 
-@pytest.mark.parametrize("behaviour", ["threshold", "gap_acceptance", "constant"])
+@pytest.mark.parametrize("behaviour", EXPECTED)
 def test_who_goes_first_at_a_zebra(behaviour: str) -> None:
-    """The shipped table is met again; the driver sees them from the start, they look after 1 s."""
+    """Drivers who yield come near the measured shares; people may decide after 1 s."""
     length_m = 2 * (TO_ZONE_M + CAR_WIDTH_M / 2)
     crossing = {"length_m": length_m, "oncoming_lanes": 0, "lane_width_m": 3.5}
     found = {}
-    for driver in FIRST_OFF[behaviour]:
+    for driver in ("human_yield", "gap_yield"):
         errors = []
         for cell in FIRST:
             range_m = CAR_MPS * float(cell["time_to_arrival_s"])
@@ -192,8 +215,8 @@ def test_who_goes_first_at_a_zebra(behaviour: str) -> None:
             scenario = alone(behaviour, crossing, ego | {"width_m": CAR_WIDTH_M}, driver)
             share = np.mean([pedestrian_first(trace) for trace in traces(scenario, 1.0)])
             errors.append(abs(share - float(cell["pedestrian_first_share"])))
-        found[driver] = round(float(np.mean(errors)), 3)
-    assert found == FIRST_OFF[behaviour]
+        found[driver] = np.mean(errors)
+    assert found["human_yield"] < min(0.2, found["gap_yield"])
 
 
 def waits_s(site: Cell, behaviour: str, driver: str, folder: Path) -> np.ndarray:
@@ -223,24 +246,11 @@ def waits_s(site: Cell, behaviour: str, driver: str, folder: Path) -> np.ndarray
     return waits
 
 
-@pytest.mark.parametrize("behaviour", WAITS_OFF)
-def test_waits_at_twelve_real_crossings(behaviour: str, tmp_path: Path) -> None:
-    """The shipped errors are met again by other people and vehicles, within three standard errors.
-
-    These are of both numbers for the mean error, of these hours for R².  With standard errors s of
-    the sites' means, that of the mean error is √Σ s²/12; to first order that of R² is
-    2 √Σ (error s)²/Σ (measured − mean)².
-    """
-    measured = np.array([float(site["pedestrian_delay_s"]) for site in SITES])
-    apart = ((measured - measured.mean()) ** 2).sum()
-    mean_s, mean_error, shipped_r2, shipped_error = WAITS_OFF[behaviour]
-    waits = [
-        waits_s(site, behaviour, "human_yield", tmp_path / f"{number}")
+def test_waits_at_twelve_real_crossings(tmp_path: Path) -> None:
+    """People who accept gaps, before drivers who yield as measured, beat the published formula."""
+    errors = [
+        waits_s(site, "gap_acceptance", "human_yield", tmp_path / f"{number}").mean()
+        - float(site["pedestrian_delay_s"])
         for number, site in enumerate(SITES)
     ]
-    errors = np.array([of.mean() for of in waits]) - measured
-    spread = np.array([of.std(ddof=1) / math.sqrt(len(of)) for of in waits])
-    mean_error_s = math.hypot(np.linalg.norm(spread) / len(spread), mean_error)
-    assert errors.mean() == pytest.approx(mean_s, abs=3 * mean_error_s)
-    r2, r2_error = 1 - (errors**2).sum() / apart, 2 * np.linalg.norm(errors * spread) / apart
-    assert r2 == pytest.approx(shipped_r2, abs=3 * math.hypot(r2_error, shipped_error))
+    assert np.abs(errors).mean() < NCHRP_OFF_S

@@ -1,4 +1,4 @@
-"""The intervals over vehicles cover the truth, and the shipped file says what drivers reach now."""
+"""The intervals over vehicles cover the truth; ``validated.json`` is what its command writes."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -65,7 +65,7 @@ def same(now: Sequence[Mapping[str, Any]], then: Sequence[Mapping[str, Any]]) ->
 
 
 @pytest.mark.slow
-def test_drivers_reach_on_the_recordings_what_the_file_says() -> None:
+def test_the_shipped_validation_is_fresh() -> None:
     if not DUT.is_dir():
         pytest.skip("needs the DUT set in ../shared/data/dut")
     now, then = validated(DUT), known()["validation"]
@@ -74,6 +74,6 @@ def test_drivers_reach_on_the_recordings_what_the_file_says() -> None:
 
 
 @pytest.mark.slow
-def test_the_references_disagree_where_the_file_says_so() -> None:
+def test_the_shipped_ratios_of_times_are_fresh() -> None:
     runs = known()["runs"]
     same(time_ratios(runs[0]["pairs"]), runs)

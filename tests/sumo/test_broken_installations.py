@@ -5,6 +5,7 @@ What is broken lies in a folder that comes first on the module path.
 
 import os
 import subprocess
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -79,7 +80,6 @@ def test_no_netconvert(tmp_path: Path, source: str, reason: str) -> None:
 def test_packages_of_another_version_are_refused(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, installed: str | None, reason: str
 ) -> None:
-    metadata = installation.metadata
     version = metadata.version
 
     def found(name: str) -> str:

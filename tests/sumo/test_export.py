@@ -24,7 +24,7 @@ from tests.exported import Read, checked, entity_of, front, lanes_in, off_centre
 from tests.sites import frame_of
 
 
-def ran(tree: dict[str, object], folder: Path, *, traces: bool = True) -> Path:
+def ran(tree: dict, folder: Path, *, traces: bool = True) -> Path:
     study = study_of(ScenarioFile("flow", "test", tree, None, (), folder.parent))
     return run(study, traces=traces, workers=0, out=folder).path
 
@@ -162,13 +162,13 @@ def test_a_passage_of_a_simulation(town: Path, tmp_path: Path, kind: str) -> Non
     found = rows[(rows["type"] == "lorry") == (kind == "truck")].dropna(subset="rear_s")
     walked = people.dropna(subset=["start_s", "cleared_s"])
 
-    def seen_s(of: pd.Series) -> float:
+    def seen_s(of) -> float:
         """For how long people walk there from the trigger until its rear has left."""
         there = walked[walked["crosswalk"] == of["crosswalk"]]
         until_s = there["cleared_s"].clip(upper=of["rear_s"])
         return float((until_s - there["start_s"].clip(lower=of["trigger_s"])).clip(lower=0).sum())
 
-    row = found.loc[found.apply(seen_s, axis=1).idxmax()]
+    row = found.iloc[found.apply(seen_s, axis=1).to_numpy().argmax()]
     passage = row["vehicle"], row["crosswalk"]
     path = exported(town, tmp_path / "out", "--pair", 0, "--passage", *passage)
     back = read(path)

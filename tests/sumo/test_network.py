@@ -27,7 +27,7 @@ from tests.sites import NETWORKS, frame_of, geometries, to_road
 def site(*numbers: float) -> CrossingSection:
     """Latitude, longitude, bearing, length and width of a crosswalk."""
     keys = ("latitude_deg", "longitude_deg", "bearing_deg", "length_m", "width_m")
-    return CrossingSection(**dict(zip(keys, numbers, strict=True)))
+    return CrossingSection.model_validate(dict(zip(keys, numbers, strict=True)))
 
 
 SHIPPED = NETWORKS / "cctc"
@@ -178,7 +178,7 @@ def test_other_geometries_are_built_once(tmp_path: Path, monkeypatch: pytest.Mon
         patch.setattr(network, "build_network", lambda *_: pytest.fail("built twice"))
         assert network_of(Scenario(crossing=geometry)) == net
     assert network_of(Scenario(crossing=CrossingSection(bearing_deg=11.0))) != net
-    monkeypatch.setattr(network.metadata, "version", lambda _: "another")
+    monkeypatch.setattr("harness.engine.network.metadata.version", lambda _: "another")
     assert network_of(Scenario(crossing=geometry)) != net
 
 

@@ -61,7 +61,7 @@ def test_a_debugger_stops_in_decide_and_goes_on(
     class Slow(io.StringIO):
         """Someone who thinks for longer than a strategy may."""
 
-        def readline(self, *of: Any) -> str:
+        def readline(self, *of: Any) -> Any:
             time.sleep(0.35)
             return super().readline(*of)
 

@@ -106,7 +106,7 @@ def test_between_two_tasks(
         left[0] -= 1
         if left[0] < 0:
             raise KeyboardInterrupt
-        return submit(self, *arguments, **options)  # type: ignore[arg-type]
+        return submit(self, *arguments, **options)
 
     words: list[object] = [*COMMANDS[name], "--out", "out", "--quiet"]
     with monkeypatch.context() as patch:

@@ -56,7 +56,7 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return run("cctc_flow", vary=VARIED, pairs=25, traces=True, out=out, workers=0)
 
 
-VARIED = {"arms.av": ["soft_yield", "hard_yield"], "pedestrians.flow_per_hour": [300.0, 900.0]}
+VARIED: Any = {"arms.av": ["soft_yield", "hard_yield"], "pedestrians.flow_per_hour": [300, 900]}
 
 
 @pytest.mark.parametrize(
@@ -84,10 +84,11 @@ def test_rows_and_findings_are_the_same_for_any_workers(
 
 def test_a_run_of_a_runs_folder_with_more_pairs_begins_with_its_rows(tmp_path: Path) -> None:
     """Also if the folder is of older tables, which nothing else reads."""
-    vary = {"strategies.gap_yield.critical_gap_s": [2.0, 4.0], "arms.av": ["gap_yield"]}
+    vary: Any = {"strategies.gap_yield.critical_gap_s": [2.0, 4.0], "arms.av": ["gap_yield"]}
     few = run("cctc_flow", vary=vary, pairs=7, seed=3, out=tmp_path / "few", workers=0).episodes
     made = folders.read_manifest(tmp_path / "few")
-    folders.write_manifest(tmp_path / "few", folders.sealed({**made, "schema": "of older tables"}))
+    older: Any = folders.sealed({**made, "schema": "of older tables"})
+    folders.write_manifest(tmp_path / "few", older)
     many = run(tmp_path / "few", pairs=25, out=tmp_path / "many", workers=0).episodes
     pd.testing.assert_frame_equal(few, many[many["pair"] < 7].reset_index(drop=True))
 

@@ -6,20 +6,20 @@ import math
 import shutil
 import subprocess
 import sys
+import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from harness.core.errors import InputError
-from harness.core.seeding import stream
+from harness.core.seeding import number_of, stream
 from harness.engine.traffic_files import TRAFFIC_FILE
 from harness.report.pictures import PictureSource, pictures_of
 from harness.report.style import styled
 from harness.results.loaded_run import Run, load_run
 from harness.scenario import load_scenario
 from harness.simulation.demand import vehicles_due
-from harness.simulation.shares import number_of
 from harness.studies.running.run import resume, run
 from tests import faulty, towns
 from tests.batches import content, here, printed
@@ -127,6 +127,24 @@ def test_cells_that_differ_in_the_av_share_the_reference(whole: Run, tmp_path: P
         assert rows(found, name, 0, arm="human") == rows(found, name, 1, arm="human")
         assert rows(found, name, 1) == rows(whole, name, pair=0)
     assert rows(found, "passages", 0, arm="av") != rows(found, "passages", 1, arm="av")
+
+
+@pytest.mark.parametrize(("share", "side", "sign"), [(1.0, "near", 1), (0.0, "far", -1)])
+def test_people_come_from_the_kerb_of_the_share(
+    tmp_path: Path, share: float, side: str, sign: int
+) -> None:
+    """The near kerb is on the right of the vehicles of the way forward: at (3.264, 3.098) m."""
+    settings = {"pedestrians.near_side_share": share}
+    found = run(hour(tmp_path), settings=settings, pairs=1, out=tmp_path / "run", workers=0)
+    assert {row["side"] for row in rows(found, "people")} == {side}
+    printed("replay", found.path, "--pair", 0, "--arm", "av", "--out", tmp_path / "again")
+    seen = ET.fromstring(gzip.decompress((tmp_path / "again" / "fcd.xml.gz").read_bytes()))
+    first: dict[str, complex] = {}
+    for each in seen.iter("person"):
+        first.setdefault(each.attrib["id"], complex(*(float(each.attrib[axis]) for axis in "xy")))
+    assert len(first) > 5
+    # A step after they set off.
+    assert max(abs(place - sign * (3.264 + 3.098j)) for place in first.values()) < 2.5
 
 
 FAILED_AT = "forward-0-9"

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -72,15 +73,13 @@ def solved(
     return steps
 
 
-def _solve(
-    vehicle: Vehicle, command: float, state: Sequence[float], duration: float
-) -> Sequence[float]:
+def _solve(vehicle: Vehicle, command: float, state: Any, duration: float):
     jerk = math.inf if vehicle.max_jerk_mps3 is None else vehicle.max_jerk_mps3
 
-    def gain(_t: float, y: Sequence[float]) -> list[float]:
+    def gain(_t: float, y: np.ndarray) -> list[float]:
         return [y[1], y[2], max(-jerk, min(jerk, (command - y[2]) / vehicle.lag_s))]
 
-    def stands(_t: float, y: Sequence[float]) -> float:
+    def stands(_t: float, y: np.ndarray) -> float:
         return y[1]
 
     stands.terminal, stands.direction = True, -1  # type: ignore[attr-defined]

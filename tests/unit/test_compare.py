@@ -3,7 +3,7 @@
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -172,7 +172,7 @@ def test_what_cannot_be_compared_is_refused_in_one_line() -> None:
     flows = run_of(study({}, FLOWS, name="cctc_flow"), by_hand, 3)
     town = replace(one, path=Path("town"), study=study({}, name="traffic"))
     slower = run_of(one.study, lambda _, pair: (8.0, HUMAN_S + (pair == 7)), 30, name="other")
-    older = {**one.manifest, "simulated_with": {"code": {"the measures": "1"}}}
+    older: Any = {**one.manifest, "simulated_with": {"code": {"the measures": "1"}}}
     fewer = run_of(
         one.study,
         lambda _, pair: (8.0, {"pass_time_s": HUMAN_S, "pedestrians": 1 + (pair == 4)}),
@@ -203,7 +203,7 @@ P1 = "strategies.soft_yield.p1=0.3,0.1,0.2"
 
 def bolder(scenario: Scenario, pair: int) -> Pair:
     """μ is 0.7, 0.9 and 1.1 at p1 = 0.1, 0.2 and 0.3; at 0.1 a quarter crashes."""
-    p1 = scenario.strategies["soft_yield"]["p1"]
+    p1: Any = scenario.strategies["soft_yield"]["p1"]
     if p1 == 0.1 and pair % 4 == 0:
         return "crashed", HUMAN_S
     return noisy(pair, 9, 5.0 + 20 * p1), HUMAN_S

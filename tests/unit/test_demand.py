@@ -30,7 +30,7 @@ def scene(timeout_s: float = 3600.0, **pedestrians: object) -> Scenario:
 
 
 @pytest.mark.parametrize("more", [{}, {"group_size": SIZES}, {"first_at_trigger": True}])
-def test_a_sweep_over_the_flow_keeps_its_people(more: dict[str, object]) -> None:
+def test_a_sweep_over_the_flow_keeps_its_people(more: dict) -> None:
     """Who comes as number i is the same, only earlier: time is stretched."""
     slow, fast = (plans(scene(flow_per_hour=flow, **more), 20) for flow in (250.0, 500.0))
     for one, other in zip(slow, fast, strict=True):
@@ -100,7 +100,7 @@ def test_those_on_the_crosswalk_at_the_trigger_follow_littles_law(model) -> None
     assert abs(counts.mean() - mean) < 4 * np.sqrt(mean * 3.5 / 1.7 / pairs)
 
 
-def truncated() -> list[tuple[float, object]]:
+def truncated():
     """Share and distribution of each class, and of all others."""
     of = [(0.1, 1.0, 0.5), (0.3, 1.2, 0.25), (0.6, 1.5, 0.2)]
     return [(share, stats.truncnorm((0.3 - m) / s, np.inf, m, s)) for share, m, s in of]

@@ -114,7 +114,8 @@ def test_an_interval_of_a_mean_lies_within_the_values(values: list[float]) -> No
         assert found.reason in (of.EQUAL, of.FEW)
     else:
         assert min(values) - 1e-9 <= found.low <= found.high <= max(values) + 1e-9
-    assert Finding(**finding_to_dict(found)) == found
+    read: dict = finding_to_dict(found)
+    assert Finding(**read) == found
 
 
 def test_pairs_that_met_nobody_tell_nothing() -> None:

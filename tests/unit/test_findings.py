@@ -184,7 +184,7 @@ def test_conflicts_by_thresholds(
     key: str, column: str, threshold: str, inside: float, outside: float
 ) -> None:
     """Beyond the threshold, not on it; a crash is a conflict of every kind; undefined is none."""
-    fates = [{"pass_time_s": 8.0, column: value} for value in (inside, outside, None)]
+    fates: list = [{"pass_time_s": 8.0, column: value} for value in (inside, outside, None)]
     pairs = [(fate, HUMAN_S) for fate in fates] + [("crashed", HUMAN_S), (FAILED, HUMAN_S)]
     cell = cell_of(pairs)
     assert (cell[key].events, cell[key].n) == (2, 4)
@@ -212,7 +212,6 @@ def test_equal_single_and_repeated_pairs_have_no_interval() -> None:
 )
 def test_few_pairs_are_said_to_be_few(entry: catalogue.Entry) -> None:
     least = entry.reliable_from
-    assert least in (200, 1_000, 4_000)
     (cell,) = study({}).cells
     sample = Sample(episodes([(8.0, HUMAN_S)], cell.scenario), cell.scenario, 0.95)
     for n, reliable in ((least - 1, False), (least, True)):
@@ -227,8 +226,8 @@ def test_few_pairs_are_said_to_be_few(entry: catalogue.Entry) -> None:
 @pytest.mark.parametrize("odd", [math.nan, math.inf, -math.inf, np.float64("nan")])
 @pytest.mark.parametrize("place", ["value", "low", "high", "p"])
 def test_no_finding_is_a_number_that_is_not_finite(odd: float, place: str) -> None:
-    numbers = {"value": 0.4, "low": 0.3, "high": 0.5, "p": 0.1, "reliable": True, place: odd}
-    found = Finding(n=7, **numbers)
+    changed: dict = {place: odd}
+    found = replace(Finding(0.4, 0.3, 0.5, n=7, p=0.1, reliable=True), **changed)
     assert found == Finding(None, n=7, reason="it is no finite number")
 
 

@@ -10,6 +10,7 @@ from harness.core.vocabulary import Arrival, Side
 from harness.encounter.arrivals import critical_gap_s, planned_arrivals
 from harness.scenario import Scenario, validate
 from harness.scenario.pedestrians import GapAcceptanceSection
+from tests.closed_forms import lognormal
 from tests.scenes import Recorder, episode
 
 
@@ -45,12 +46,6 @@ def test_waits_until_the_ego_yields_or_leaves_a_long_gap() -> None:
     slow = lambda o: -2.0 if 0.95 < o.time_s < 2.45 else 0.0  # noqa: E731
     assert cross(8.3, 3.05, slow).start_s == 3.05
     assert cross(8.35, 3.05, slow).start_s is None
-
-
-def lognormal(mean: float, std: float) -> object:
-    """SciPy's lognormal with these two moments."""
-    of = 1 + std**2 / mean**2
-    return stats.lognorm(s=math.sqrt(math.log(of)), scale=mean / math.sqrt(of))
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,6 @@ def edge_speed(step: float = STEP, limit: float = LIMIT) -> float:
 
 
 def test_slows_down_for_an_empty_crosswalk() -> None:
-    assert edge_speed() == pytest.approx(3.4232, abs=5e-5)
     step = int(np.argmax(EMPTY.x_m > -EDGE_M))
     assert edge_speed() - 0.1 < EMPTY.speed_mps[step] <= edge_speed() + 1e-9
     changes = np.diff(EMPTY.speed_mps) / STEP
@@ -101,7 +100,6 @@ def test_waits_as_long_as_its_lane_is_not_free() -> None:
     # 4.75 m/0.6 m/s = 7.9167 s for 28 m from 5 m/s: one constant deceleration.
     free = 4.75 / 0.6
     deceleration = 2 * (28 - 5 * free) / free**2
-    assert deceleration == pytest.approx(-0.36964, abs=5e-6)
     trace = play(GapYield(), [(0.0, Side.NEAR, 0.6)])
     changes = np.diff(trace.speed_mps) / STEP
     np.testing.assert_allclose(changes[:70], deceleration, atol=1e-9)

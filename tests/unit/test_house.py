@@ -129,7 +129,7 @@ def test_no_check_is_looser() -> None:
     assert "omit" not in coverage["run"] | coverage["report"]
     assert coverage["run"]["source"] == ["harness"]
     assert tools["mypy"]["strict"]
-    assert tools["mypy"]["files"] == ["harness", "benchmarks", "examples", "docs/hooks"]
+    assert {*tools["mypy"]["files"]} >= {"harness", "tests", "benchmarks", "examples"}
 
 
 def name_of(path: Path) -> str:

@@ -18,9 +18,9 @@ CROSSING = Crossing(9.0, 4.0, 2.25, 4.5)
 VEHICLE = Vehicle(V0, 30.0, 30.0, 5.0, 1.8, 3.0, 4.5, A0)
 
 
-def driver(model: InteractionModel, **parameters: object) -> HumanGmm:
+def driver(model: InteractionModel, **parameters) -> HumanGmm:
     rng = np.random.default_rng(3)
-    return HumanGmm(model=model, rng=rng, step_s=STEP, **parameters)  # type: ignore[arg-type]
+    return HumanGmm(model=model, rng=rng, step_s=STEP, **parameters)
 
 
 def desired(

@@ -27,12 +27,13 @@ def random_parts(seed=0, count=5):
 
 @pytest.fixture(scope="module")
 def bounded():
-    return TruncatedGaussianMixture(*random_parts(), LOWER, UPPER)
+    return TruncatedGaussianMixture(*random_parts(), lower=LOWER, upper=UPPER)
 
 
 @pytest.fixture(scope="module")
 def free():
-    return TruncatedGaussianMixture(*random_parts(), np.full(4, -60.0), np.full(4, 60.0))
+    far = np.full(4, 60.0)
+    return TruncatedGaussianMixture(*random_parts(), lower=-far, upper=far)
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +109,8 @@ def test_density_integrates_to_the_distribution_function(bounded, rows, target, 
 def test_ppf_inverts_cdf(model, target, known, seed):
     n, rng = 8 if len(known) == 1 else 60, np.random.default_rng(seed)
     u = np.append([0.0, 1.0, 1e-12, 1.0 - 1e-12, 1e-4, 1.0 - 1e-4], rng.random(n - 6))
-    for mixture in (TruncatedGaussianMixture(*random_parts(seed), LOWER, UPPER), model.mixture):
+    made = TruncatedGaussianMixture(*random_parts(seed), lower=LOWER, upper=UPPER)
+    for mixture in (made, model.mixture):
         lower, upper = mixture.lower[target], mixture.upper[target]
         y = rng.uniform(mixture.lower, mixture.upper, (n, 4))[:, list(known)]
         conditional = Conditional(mixture, target, known)

@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 from harness.core.errors import InputError
 from harness.model.mixture.distribution import TruncatedGaussianMixture
 
-PARTS = {
+PARTS: dict = {
     "weights": [0.4, 0.6],
     "locations": [[0.2, -0.5], [1.0, 1.5]],
     "scale_matrices": [[[1.0, 0.3], [0.3, 0.5]], [[0.4, -0.2], [-0.2, 0.8]]],

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.stats import truncnorm
+from scipy.stats import norm, truncnorm
 
 from harness.model.mixture.boxes import moments
 
@@ -40,8 +40,6 @@ def test_one_variable_equals_scipy(a, b):
     )
     reference = truncnorm(a, b)
     # scipy's truncnorm is the reference for the moments, its norm tail for the mass.
-    from scipy.stats import norm
-
     wanted = norm.sf(a) - norm.sf(b) if a > 0 else norm.cdf(b) - norm.cdf(a)
     assert got[0] == pytest.approx(wanted, rel=1e-12)
     assert mean[0, 0] == pytest.approx(0.3 + 2.0 * reference.mean(), abs=1e-8)

@@ -10,7 +10,7 @@ from harness.results.catalogue import ENTRIES
 from harness.results.cell_findings import CellFindings, on_first_screen
 from harness.results.estimators import EQUAL, zero_bound
 from harness.results.finding import Finding, Form
-from harness.results.notes import RULES, Note, notes_of
+from harness.results.notes import Note, notes_of
 from harness.results.references import opposite
 from harness.results.result import Result, Shown, Style, Versus
 from harness.scenario import Scenario, load_scenario
@@ -231,7 +231,7 @@ def test_another_reference_says_the_opposite_at_any_number_of_pairs(
 
 
 def test_the_opposite_is_known_where_it_was_measured() -> None:
-    def said(changes: dict[str, object], value: float, name: str = "cctc") -> str | None:
+    def said(changes: dict, value: float, name: str = "cctc") -> str | None:
         return opposite(load_scenario(name, changes), value)
 
     assert "human_gmm as the reference soft_yield is faster" in str(
@@ -346,7 +346,6 @@ def test_the_worse_the_news_the_higher() -> None:
     seen = {"failures", "few_pairs", "opposite", "left_out", "fallback", "model_fit", "speeding"}
     assert seen <= {*keys}
     assert found[1].first == "SUMO alone reports 57 contacts (AV 57, human_gmm 0)."
-    assert [rule.key for rule in RULES][:3] == ["failures", "nothing_tested", "sumo_alone"]
 
 
 def test_a_note_of_a_sweep_is_about_its_worst_cell_and_counts_the_others() -> None:

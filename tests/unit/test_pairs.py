@@ -18,7 +18,7 @@ from harness.scenario import Scenario, validate
 from harness.strategies.human_yield import HumanYield
 from tests.scenes import on_plain
 
-FLOW = {
+FLOW: dict = {
     "pedestrians": {"flow_per_hour": 900.0},
     "strategies": {"human_gmm": {"speed": "sampled"}},
     "experiment": {"timeout_s": 120.0, "seed": 3},
@@ -39,7 +39,7 @@ def content(outcome: Outcome) -> tuple[object, ...]:
     )
 
 
-def run(tree: dict[str, dict[str, object]], pairs: list[int]) -> dict[int, list[tuple]]:
+def run(tree: dict[str, dict], pairs: list[int]) -> dict[int, list[tuple]]:
     """Contents by pair; a function of plain values, so that another process can call it."""
     found: dict[int, list[tuple]] = {}
     for outcome in on_plain(validate(tree, "test"), load_model("dut")).run(pairs):

@@ -39,7 +39,7 @@ from harness.studies.worst import worst
 from tests.scenes import refusal_of, refuses
 
 
-def manifest(pairs: int, size: int = 3) -> dict[str, Any]:
+def manifest(pairs: int, size: int = 3) -> Any:
     """What reading a part needs of a manifest."""
     planned = {"experiment": {"pairs": pairs}}
     return {"pairs_per_part": size, "digest": "this run", "scenario": planned}
@@ -125,7 +125,7 @@ def test_values_that_no_part_has_are_refused(tmp_path: Path, what: str) -> None:
 
 
 @pytest.mark.parametrize("kind", [InputError, *InputError.__subclasses__()])
-def test_a_refusal_from_elsewhere_is_of_the_same_class(kind: type[InputError]) -> None:
+def test_a_refusal_from_elsewhere_is_of_the_same_class(kind: Any) -> None:
     error = kind("there", "is bad", "good", "goods")
     for same in (kind("here", *error.__reduce__()[1][1:]).at("there"), copy.copy(error)):
         assert (type(same), vars(same), str(same)) == (kind, vars(error), str(error))
@@ -159,7 +159,7 @@ def test_the_size_of_a_part_depends_on_the_number_of_pairs_alone(pairs: int) -> 
     assert size <= part_pairs(pairs + 1)
 
 
-def manifest_in(folder: Path, model: InteractionModel) -> dict[str, Any]:
+def manifest_in(folder: Path, model: InteractionModel) -> Any:
     base = load_scenario("cctc_flow", {"experiment.pairs": 40})
     study = Study("made up", base, (Cell(0, {}, base), Cell(1, {}, base)))
     made = manifest_of(study, [model, model], traces=False, engine="sumo", pairs_per_part=5)
@@ -168,15 +168,15 @@ def manifest_in(folder: Path, model: InteractionModel) -> dict[str, Any]:
 
 
 def test_a_resumed_run_needs_its_versions_strategies_and_model() -> None:
-    then = {"versions": {"sumo": "1"}, "strategies": {"own:A": "x"}, "models": {"dut": "1"}}
+    then: Any = {"versions": {"sumo": "1"}, "strategies": {"own:A": "x"}, "models": {"dut": "1"}}
     then |= {"files": {"town.net.xml": "1"}, "code": {"the measures": "1"}}
     refuse_other_versions(then, then)
     for part, now in (
-        ("simulated with sumo 1, this is 2", {**then, "versions": {"sumo": "2"}}),
-        ("code of the measures has changed", {**then, "code": {"the measures": "2"}}),
-        ("own:A has been edited", {**then, "strategies": {"own:A": "y"}}),
-        ("town.net.xml has changed", {**then, "files": {"town.net.xml": "2"}}),
-        ("model other has changed", {**then, "models": {"other": "1"}}),
+        ("simulated with sumo 1, this is 2", then | {"versions": {"sumo": "2"}}),
+        ("code of the measures has changed", then | {"code": {"the measures": "2"}}),
+        ("own:A has been edited", then | {"strategies": {"own:A": "y"}}),
+        ("town.net.xml has changed", then | {"files": {"town.net.xml": "2"}}),
+        ("model other has changed", then | {"models": {"other": "1"}}),
     ):
         refuses(part, lambda now=now: refuse_other_versions(then, now))
 
@@ -311,7 +311,8 @@ def test_rows_of_older_measures_are_told(whole: Path, monkeypatch: pytest.Monkey
     assert "older_measures" not in notes()
     monkeypatch.setattr(folders, "code_of_rows", lambda: {"the measures": "later"})
     assert notes() == {"older_measures"}
-    folders.write_manifest(whole, sealed({**folders.read_manifest(whole), "schema": "9"}))
+    other: Any = sealed({**folders.read_manifest(whole), "schema": "9"})
+    folders.write_manifest(whole, other)
     refuses("tables with other columns; .*harness.run.*simulates", lambda: load_run(whole))
 
 

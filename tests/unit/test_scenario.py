@@ -35,7 +35,7 @@ def test_constants_for_strategies_of_an_immutable_scenario() -> None:
     seen = validate({"ego": {"detection_range_m": 12.0}}, "test").vehicle()
     assert (seen.trigger_range_m, seen.detection_range_m) == (30.0, 12.0)
     with pytest.raises(ValueError, match="frozen"):
-        scenario.ego.length_m = 4.0  # type: ignore[misc]
+        scenario.ego.length_m = 4.0
     with pytest.raises(TypeError, match="mappingproxy"):
         scenario.strategies["soft_yield"] = {}  # type: ignore[index]
 

@@ -55,7 +55,8 @@ class Keeps:
 
 def test_a_strategy_is_given_the_streams_numbers_and_not_its_seed(model: InteractionModel) -> None:
     scene = scenario(arms={"av": f"{__name__}:Keeps"}, experiment={"seed": 987_654})
-    rng, other = (make_strategy(scene, Arm.AV, pair, model).rng for pair in (7, 8))
+    made: list = [make_strategy(scene, Arm.AV, pair, model) for pair in (7, 8)]
+    rng, other = (strategy.rng for strategy in made)
     seeds = rng.bit_generator.seed_seq
     assert {987_654, 7}.isdisjoint([*np.ravel(seeds.entropy), *seeds.spawn_key])
     assert rng.random() == stream(987_654, "av_strategy", 7).random()

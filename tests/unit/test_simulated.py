@@ -273,7 +273,7 @@ def written(folder: Path, *shares: float, pairs: int = 6, of: Pairs | None = Non
     flow = "pedestrians.flow_per_hour", [250.0]
     study = study_of(file, [("traffic.av_share", [*shares]), flow])
     folder.mkdir()
-    manifest = manifest_of(study, [], traces=False, engine="libsumo", pairs_per_part=1)
+    manifest = manifest_of(study, [], traces=False, engine="sumo", pairs_per_part=1)
     write_manifest(folder, manifest)
     for cell in study.cells:
         for pair in range(pairs):
@@ -325,8 +325,9 @@ def test_cells_are_compared_by_their_avs_over_pairs(tmp_path: Path) -> None:
     assert isinstance(found, Finding)
     ends = test.confidence_interval()
     assert (found.low, found.high, found.p) == pytest.approx((ends.low, ends.high, test.pvalue))
-    ps = sorted(record["av_delay_s_a_minus_b"].p for record in result.records)  # type: ignore[union-attr]
-    adjusted = sorted(record["av_delay_s_a_minus_b_p_holm"] for record in result.records)  # type: ignore[type-var]
+    rows: Any = result.records
+    ps = sorted(record["av_delay_s_a_minus_b"].p for record in rows)
+    adjusted = sorted(record["av_delay_s_a_minus_b_p_holm"] for record in rows)
     assert adjusted[0] == pytest.approx(3 * ps[0])
     told = json.loads(printed("compare", run.path, "--set", "conflicts.pet_s=8", "--json"))
     assert told["records"][0]["conflicts_pet_a"]["value"] == 1.0  # every PET is below 8 s

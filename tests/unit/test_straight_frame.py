@@ -4,7 +4,7 @@ import math
 from copy import copy
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -13,9 +13,19 @@ from hypothesis import given, settings, strategies as some
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
-from harness.core.vocabulary import Arrival, Ending, Leg, Side, Trace, Vehicle, Walk
+from harness.core.vocabulary import (
+    Arm,
+    Arrival,
+    Ending,
+    Leg,
+    Side,
+    Trace,
+    Vehicle,
+    Walk,
+)
 from harness.measures import measure
 from harness.measures.ego import ego_positions
+from harness.simulation.arm import SimulatedArm
 from harness.simulation.cars import PASSED, Car, Passage
 from harness.simulation.passages import free_pass_s, passages, strike_of
 from harness.simulation.walk import Walked, moved
@@ -43,12 +53,34 @@ def crosswalk() -> Crosswalk:
     return Crosswalk(":J_c0", shapely.LineString([(4, -3), (4, 5)]), 4.0)
 
 
-def passage(path: FrontPath) -> Passage:
-    """A car's passage over the crosswalk."""
-    zone = zone_of(path, crosswalk(), 5.0, 1.8)
-    assert zone is not None
+def passage(path: FrontPath, walked: Crosswalk | None = None) -> Passage:
+    """A car's passage over the crosswalk, or another one."""
+    walked = walked or crosswalk()
+    zone = zone_of(path, walked, CAR.length_m, CAR.width_m)
     car = Car("car", "type", automated=True, vehicle=CAR, speed_factor=1.0, max_mps=50.0)
-    return Passage(car, crosswalk(), CONNECTION, zone, 100.0, CAR)
+    return Passage(car, walked, CONNECTION, zone, 100.0, CAR)
+
+
+def turning(radius_m: float, degrees: float) -> FrontPath:
+    """To the east up to the origin, then to the left on an arc, then straight on."""
+    angle = np.linspace(0.0, math.radians(degrees), 400)
+    arc = radius_m * np.column_stack((np.sin(angle), 1 - np.cos(angle)))
+    far = arc[-1] + 60 * np.array([math.cos(angle[-1]), math.sin(angle[-1])])
+    shapes = [(-60.0, 0.0), (0.0, 0.0)], [*map(tuple, arc.tolist())], [tuple(arc[-1]), tuple(far)]
+    lengths = 60.0, radius_m * angle[-1], 60.0
+    names = CONNECTION.from_lane, *CONNECTION.via, CONNECTION.to_lane
+    return FrontPath.along([*map(Lane, names, shapes, lengths, [10.0] * 3)])
+
+
+def driven(path: FrontPath, walked: Crosswalk) -> Passage:
+    """A passage from 30 m before x = −3 on, at 10 m/s and from t = 20 s on."""
+    each = passage(path, walked)
+    each.car.note(100.0 - 33.0, 10.0)
+    each.begin(20.0, 30.0)
+    for number in range(1, 60):
+        each.car.note(100.0 - 33.0 + number * 10.0 * STEP_S, 10.0)
+    each.end(PASSED)
+    return each
 
 
 @settings(max_examples=150)
@@ -104,15 +136,9 @@ def test_the_rear_of_a_turning_body() -> None:
     The front is on a circle of radius r, the place a body's length before it on the straight road,
     and the rear left corner at F − L u − w/2 n, u the chord's direction and n its normal.
     """
-    radius_m, angle = 6.0, np.linspace(0.0, math.pi / 2, 400)
-    arc = radius_m * np.column_stack((np.sin(angle), 1 - np.cos(angle)))
-    lanes = [
-        Lane("a_0", [(-60, 0), (0, 0)], 60.0, 10.0),
-        Lane(":J_0_0", [*map(tuple, arc.tolist())], radius_m * math.pi / 2, 10.0),
-        Lane("b_0", [(6, 6), (6, 66)], 60.0, 10.0),
-    ]
-    path, axis = FrontPath.along(lanes), shapely.LineString([(-3, -4), (-3, 4)])
-    walked = replace(crosswalk(), axis=axis)
+    radius_m = 6.0
+    path, axis = turning(radius_m, 90.0), shapely.LineString([(-3, -4), (-3, 4)])
+    each = driven(path, replace(crosswalk(), axis=axis))
 
     def corner_m(s: float) -> float:
         """How far the rear left corner is beyond the crosswalk's edge at x = −1."""
@@ -121,25 +147,52 @@ def test_the_rear_of_a_turning_body() -> None:
         ahead = chord / np.hypot(*chord)
         return float(front[0] - CAR.length_m * ahead[0] - CAR.width_m / 2 * ahead[1] + 1.0)
 
-    zone = zone_of(path, walked, CAR.length_m, CAR.width_m)
-    assert zone is not None
-    car = Car("car", "type", automated=True, vehicle=CAR, speed_factor=1.0, max_mps=50.0)
-    each = Passage(car, walked, CONNECTION, zone, 100.0, CAR)
-    # From R0 before the axis at x = −3, at 10 m/s.
-    car.note(100.0 - 33.0, 10.0)
-    each.begin(20.0, 30.0)
-    for number in range(1, 50):
-        car.note(100.0 - 33.0 + number * 10.0 * STEP_S, 10.0)
-    each.end(PASSED)
-    late = copy(each)
+    late, beyond = copy(each), copy(each)
     late.xs_m, late.speeds_mps, late.ended = each.xs_m[:1], each.speeds_mps[:1], "ended"
+    beyond.xs_m, beyond.speeds_mps = each.xs_m[30:], each.speeds_mps[30:]
     town: Any = SimpleNamespace(path=lambda _: path)
-    found, alone = passages([each, late], {walked.id: []}, town, STEP_S, "euler")
+    them = [each, late, beyond]
+    found, alone, inside = passages(them, {each.crosswalk.id: []}, town, STEP_S, "euler")
+    # Where a vehicle came onto the road beyond the edge, its front never reached it.
+    assert (inside["front_s"], inside["rear_s"] is None) == (None, False)
     # A passage that began when the simulation ended has a row: it did not end.
     undefined = ("front_s", "rear_s", "delay_s", "max_deceleration_mps2", "pet_s")
     assert [alone[name] for name in ("steps", *undefined)] == [0, *[None] * 5]
     leaves_m = brentq(corner_m, 2.0, CAR.length_m)
     assert found["rear_s"] == pytest.approx(20.0 + (33.0 + leaves_m) / 10.0, abs=1e-3)
+
+
+def test_who_stands_where_a_turning_vehicle_comes_back_is_hit() -> None:
+    """A body that turns round is on the crosswalk later than a straight one would have left it."""
+    axis = shapely.LineString([(-3, -4), (-3, 12)])
+    path = turning(4.0, 180.0)
+    each = driven(path, replace(crosswalk(), axis=axis))
+    # They stand in the middle of the lane on which it comes back, 12 m from the axis's begin.
+    walk = Walk(Arrival(0, 20.0, Side.NEAR, 0.5), 20.0, 0.1, legs=(Leg(20.0, 0, 12.0, 0, 0, 0),))
+    person, town = Walked("p", True, walk, None, math.inf), SimpleNamespace(path=lambda _: path)
+    (row,) = passages([each], {each.crosswalk.id: [person]}, cast(Any, town), STEP_S, "euler")
+    assert (row["contact"], row["contact_person"]) == ("front", "p")
+
+
+@pytest.mark.parametrize(
+    ("over_m", "speed_mps", "range_m", "offset_s"),
+    [(0.04, 0.0, 29.96, 0.0), (0.2, 1.0, 29.8, 0.0), (0.2, 5.0, 30.0, 0.04)],
+)
+def test_who_departs_just_behind_r0_begins_there(
+    over_m: float, speed_mps: float, range_m: float, offset_s: float
+) -> None:
+    """A vehicle that was at R0 within the last step has come from there; another has departed."""
+    each = passage(straight())
+    each.car.automated = False
+    each.car.odometer_m, each.car.speed_mps = each.centre_m - 30.0 + over_m, speed_mps
+    scenario, config = SimpleNamespace(ego=CAR), SimpleNamespace(ballistic=False)
+    setup = SimpleNamespace(scenario=scenario, config=config, own_people=False)
+    people = {each.crosswalk.id: SimpleNamespace(watched=0)}
+    arm: Any = SimpleNamespace(setup=setup, session=SimpleNamespace(step_s=STEP_S), people=people)
+    arm._begun, arm._arm, arm.passages = {}, Arm.AV, []
+    SimulatedArm._begin(arm, each, 20.0)
+    assert each.vehicle.trigger_range_m == pytest.approx(range_m)
+    assert each.trace_offset_s == pytest.approx(offset_s)
 
 
 def test_free_passage_through_a_curve() -> None:

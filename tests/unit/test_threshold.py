@@ -33,8 +33,8 @@ def scene(gap_s: float = 6.0, speed_mps: float = 5.0, **pedestrians: object) -> 
 
 def person(threshold_s: float, latency_s: float = 0.55, side: Side = Side.NEAR) -> Arrival:
     """They are at the kerb and decide from t = 0 on."""
-    times = {"threshold_s": threshold_s, "latency_s": latency_s}
-    return Arrival(0, 0.0, side, 0.5, looks_from_s=0.0, **times)
+    waits = Arrival(0, 0.0, side, 0.5, looks_from_s=0.0)
+    return waits._replace(threshold_s=threshold_s, latency_s=latency_s)
 
 
 def walk(scenario: Scenario, who: Arrival, command: Callable[[Any], float] = lambda _: 0.0) -> Walk:

@@ -1,15 +1,12 @@
 """Pedestrians whom a car that never brakes would hit at a given share of its width."""
 
-import math
-from dataclasses import replace
-
 import pytest
 
-from harness.core.vocabulary import Arrival, Contact, Ending, Leg, Side, Trace, Walk
+from harness.core.vocabulary import Contact, Ending, Side, Trace
 from harness.encounter.arrivals import planned_arrivals
 from harness.measures import measure
 from harness.scenario import Scenario, read_scenario_file, study_of, validate
-from tests.scenes import Recorder, drive, episode
+from tests.scenes import Recorder, episode
 
 WIDTH, RADIUS = 1.8, 0.25
 
@@ -137,17 +134,3 @@ def test_the_shipped_study_hits_where_it_says(name: str) -> None:
         # From then on braking at 9 m/s² stops within v²/18, well before they are reached.
         assert ego.initial_speed_mps / 18 < walking_s
         assert record.avoidable is True
-
-
-def accelerating(start_s: float, gain: float, pieces: int | None) -> Trace:
-    """Someone who accelerates all the way past a car at 5 m/s; or many short steady legs of it."""
-    legs = [Leg(start_s, 0.0, 0.0, 0.0, 0.0, gain)]
-    if pieces:
-        times = [math.sqrt(2 * 9.0 / gain) * n / pieces for n in range(pieces + 1)]
-        places = [gain * time**2 / 2 for time in times]
-        legs = [
-            Leg(start_s + times[n], 0.0, places[n], 0.0, (y - places[n]) * pieces / times[-1], 0.0)
-            for n, y in enumerate(places[1:])
-        ]
-    walk = Walk(Arrival(0, start_s, Side.NEAR, None), start_s, 1.0, 30.0, 5.0, tuple(legs))
-    return replace(drive([0.0] * 74), walks=(walk,))

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from harness.engine.traffic_files import Due, types_of
 from harness.scenario import Scenario, validate
-from harness.simulation.demand import Due, vehicles_due
+from harness.simulation.demand import vehicles_due
 
 
 def scenario_of(**traffic: Any) -> Scenario:
@@ -23,6 +24,15 @@ def lane_of(scenario: Scenario, pair: int) -> list[Due]:
 def test_the_least_headway_by_hand() -> None:
     """1 s + (5 + 2)/8 s = 1.875 s, in whole steps."""
     assert scenario_of().least_headway_s() == pytest.approx(1.9)
+
+
+def test_a_grade_has_the_other_sign_for_oncoming_vehicles() -> None:
+    """g sin α is added to one direction's deceleration and taken from the other's."""
+    crossing = {"grade": 0.08, "oncoming_lanes": 1}
+    uphill, downhill = types_of(validate({"crossing": crossing, "traffic": {}}, "t")).values()
+    apart_mps2 = 2 * 9.80665 * math.sin(math.atan(0.08))
+    found_mps2 = uphill.max_deceleration_mps2 - downhill.max_deceleration_mps2
+    assert found_mps2 == pytest.approx(apart_mps2)
 
 
 def test_the_flow_is_the_one_asked_for_and_no_headway_is_too_short() -> None:

@@ -46,7 +46,7 @@ def test_straight_constant_speed_pair_comes_out_exactly(made_up):
     # R/v = 4.5 − t, L/v_p = 6.4 − t, T_adv = 1.9. R ≥ 0.5 up to t = 4.375: 22 instants 0 … 4.2.
     rows = made_up.rows[made_up.rows["pedestrian"] == "0"]
     t = np.arange(22) * 0.2
-    expected = {
+    expected: dict = {
         "time_s": t,
         "range_m": 18 - 4 * t,
         "lateral_m": 8 - 1.25 * t,

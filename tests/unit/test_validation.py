@@ -60,7 +60,7 @@ def test_a_recording_mirrored_turned_or_shifted_in_time_has_the_same_numbers(
 Positions = tuple[np.ndarray, np.ndarray]
 
 
-def passages_of(vehicle: Positions, *people: Positions):  # type: ignore[no-untyped-def]
+def passages_of(vehicle: Positions, *people: Positions):
     clip = Clip(
         "made up",
         "clip",
@@ -181,8 +181,8 @@ def test_draws_and_passages_have_the_weight_of_their_passage_and_vehicle() -> No
         *2 * [{"vehicle": "b", "passage": 1, "error_s": -1.0, "right": 1.0, "people": 1.0}],
         *2 * [{"vehicle": "b", "passage": 2, "error_s": 5.0, "right": 0.0, "people": 1.0}],
     ]
-    counts = {"contacts": [0, 1] + [0] * 4, "timed_out": 0.0, "uses": 2, "clamped": [1] + [0] * 5}
-    found = scores_of(pd.DataFrame(rows).assign(**counts), Sampling(None))
+    counts = {"contacts": [0, 1] + [0] * 4, "timed_out": [0] * 6, "uses": [2] * 6}
+    found = scores_of(pd.DataFrame(rows).assign(**counts, clamped=[1] + [0] * 5), Sampling(None))
     # Scores: E|e| − ½ E|e − e'| = 2 − 1, 1 and 5; errors 2, −1, 5; order (3 + 1 + 0) of 6.
     assert found["pass_time_score_s"].value == pytest.approx((1 + 1 + 5) / 3)
     assert found["pass_time_error_mean_s"].value == pytest.approx((2 - 1 + 5) / 3)
