@@ -158,4 +158,4 @@ def test_no_process_outlives_its_parent(tmp_path: Path, number: int) -> None:
     _, alive = psutil.wait_procs(children, timeout=10)
     assert alive == []
     if number == signal.SIGINT:
-        assert "harness resume" in errors.splitlines()[-1]
+        assert "harness.resume" in errors.splitlines()[-1]
