@@ -7,7 +7,7 @@ that of ``episodes`` or ``arms`` last: if it exists, its task is done.
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
@@ -42,6 +42,13 @@ COMPUTES = (
     "results/finding results/cell_findings results/simulated results/student results/tables"
 )
 """The modules that make findings of rows; those of screens make none."""
+
+MAKES_ROWS = (
+    "core/* site/* measures/**/* model/interaction model/mixture/* scenario/* strategies/**/* "
+    "engine/* encounter/* simulation/* results/estimators results/finding results/rows "
+    "results/tables studies/risk/* studies/running/[est]*"
+)
+"""The modules that make rows of scenarios; in ``running`` episodes, simulations and tasks."""
 
 _DIGEST = b"harness.digest"
 """The key of the manifest's digest in a part's metadata."""
@@ -309,12 +316,12 @@ def read_findings(
 @cache
 def code_digest() -> str:
     """The digest of the code that makes findings of rows, and of its libraries' versions."""
-    return _digest(json.dumps(versions_of_fits()).encode(), *_code(COMPUTES))
+    return _digest(json.dumps(versions_of_fits()).encode(), _code(COMPUTES).encode())
 
 
 def code_of_rows() -> dict[str, str]:
-    """The digest of the code whose numbers are in rows, which nothing computes again."""
-    return {"the measures": _digest(*_code("measures/**/*"))}
+    """The digest of the code that makes rows, which nothing computes again."""
+    return {"the rows": _code(MAKES_ROWS)}
 
 
 @cache
@@ -348,10 +355,14 @@ def sealed(document: Mapping[str, Any]) -> JsonObject:
     return {**content, "digest": _digest(_json(content))}
 
 
-def _code(modules: str) -> Iterator[bytes]:
-    """The source texts of these modules of the package."""
-    for name in modules.split():
-        yield from map(read_file, sorted(PACKAGE.glob(f"{name}.py")))
+@cache
+def _code(modules: str) -> str:
+    """The digest of the source texts of these modules of the package."""
+    paths = (path for name in modules.split() for path in sorted(PACKAGE.glob(f"{name}.py")))
+    return _digest(*map(_source, paths))
+
+
+_source = cache(Path.read_bytes)
 
 
 def _digest(*parts: bytes) -> str:

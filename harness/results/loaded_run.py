@@ -143,7 +143,7 @@ class Run:
         if not self.cells:
             raise InputError(self.path, "no pair is finished yet", advised("resume", self.path))
         cells, folder = self.cells, shlex.quote(str(self.path))
-        notes = [*older_measures(self.manifest), *retries(folders.tried_again(self.path))]
+        notes = [*older_code(self.manifest), *retries(folders.tried_again(self.path))]
         facts: dict[str, Any] = {"name": self.name, "folder": str(self.path), "kind": self.kind}
         facts |= {key: self.manifest[key] for key in ("seed", "confidence", "engine")}
         facts |= {"finished": self.finished, "failed": sum(cell.total("failed") for cell in cells)}
@@ -204,12 +204,12 @@ def load_run(path: Path | str, settings: Mapping[str, Any] | None = None) -> Run
     return Run(path, frozen(manifest), study, finished, found)
 
 
-def older_measures(manifest: folders.Manifest) -> list[Note]:
-    """The note that the code of the measures has changed since a run, if it has."""
+def older_code(manifest: folders.Manifest) -> list[Note]:
+    """The note that the code that makes rows has changed since a run, if it has."""
     command = "risk" if "risk" in manifest else "run"
-    text = "The code of the measures has changed since the run, which "
+    text = "The code that makes the rows has changed since the run, which "
     text += f"`harness {command}` of its folder simulates again."
-    note = Note("older_measures", FIRST, "older measures", text)
+    note = Note("older_code", FIRST, "older code", text)
     return [] if manifest["simulated_with"]["code"] == folders.code_of_rows() else [note]
 
 

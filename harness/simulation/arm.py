@@ -5,7 +5,7 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from functools import partial
 
-from harness.core.seeding import stream
+from harness.core.seeding import NUMBERS, number_of, stream
 from harness.core.vocabulary import ROUNDING, Arm, ModelUse
 from harness.encounter.arms import uses_of
 from harness.encounter.driver import Driver
@@ -18,7 +18,6 @@ from harness.simulation.driving import Control
 from harness.simulation.own_people import OwnPeople
 from harness.simulation.people_at import PeopleAt
 from harness.simulation.setup import Setup
-from harness.simulation.shares import is_automated
 from harness.site.town import Crosswalk
 from harness.strategies.perception.sensor import sensor_of
 
@@ -160,9 +159,13 @@ class SimulatedArm:
             self._drop(self._cars.get(name), "SUMO teleported it", exists=True)
 
     def is_automated(self, name: str, type_id: str) -> bool:
-        """Whether a vehicle of a type is an AV, in either arm, or would be if it departed."""
+        """Whether a vehicle of a type is an AV, in either arm, or would be if it departed.
+
+        A greater share only adds AVs, since a vehicle's number does not depend on the share.
+        """
         kinds, simulation = {type_id, self._classes.get(type_id, "")}, self.setup.simulation
-        return is_automated(self._key, name, kinds, simulation.av_share, simulation.av_types)
+        share = number_of(name, self._key) / NUMBERS
+        return share < simulation.av_share and not kinds.isdisjoint(simulation.av_types)
 
     def _kinds_of(self, hit: Collision) -> list[str]:
         """What a collision counts as; a passage notes that SUMO saw one with a person."""

@@ -17,7 +17,7 @@ from harness.results.cell_tables import drivers, scope_of, shown, table_of
 from harness.results.columns import AV, REFERENCE, Sample
 from harness.results.estimators import EQUAL, FEW, Sampling
 from harness.results.finding import Finding, Form, Plain
-from harness.results.loaded_run import Run, older_measures
+from harness.results.loaded_run import Run, older_code
 from harness.results.notes import RULES, Note, notes_of
 from harness.results.place import place_in_words
 from harness.results.result import Column, Entered, Result, Shown, Style, Table, Versus
@@ -193,7 +193,7 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
         ),
         notes=notes_of(
             cells,
-            [*older_measures(runs[0].manifest), *_notes(rows, p_holm, kind)],
+            [*older_code(runs[0].manifest), *_notes(rows, p_holm, kind)],
             [candidate.name for candidate in candidates],
         ),
         closing=(
@@ -225,7 +225,7 @@ def _refuse_runs(runs: Sequence[Run]) -> None:
             allowed = f"runs of {runs[0].kind}, as {runs[0].path}"
             raise InputError(str(run.path), f"is a run of {run.kind}", allowed)
         if run.manifest["simulated_with"]["code"] != runs[0].manifest["simulated_with"]["code"]:
-            problem = f"has measures of other code than {runs[0].path}"
+            problem = f"has rows of other code than {runs[0].path}"
             allowed = "runs of the same code; `harness run` of a run's folder simulates it again"
             raise InputError(str(run.path), problem, allowed)
         if run.path.resolve() in [other.path.resolve() for other in runs[:number]]:

@@ -10,7 +10,7 @@ from harness.core.errors import InputError, Parameter, unknown_name
 from harness.core.vocabulary import Arm, Ending
 from harness.measures.measured import COLUMNS, MEASURES
 from harness.results.finding import Finding, Form, Plain
-from harness.results.loaded_run import Run, older_measures
+from harness.results.loaded_run import Run, older_code
 from harness.results.notes import notes_of
 from harness.results.place import place_in_words
 from harness.results.result import Column, Entered, Result, Shown, Style, Table
@@ -183,7 +183,7 @@ def _result(run: Run, rows: "pd.DataFrame", among: int, by: str, arm: Arm) -> Re
         about=place_in_words([cell.scenario for cell in run.cells]),
         screen=Table("", tuple(Column(*each) for each in headings.items()), tuple(cells)),
         full=(),
-        notes=notes_of(run.cells, older_measures(run.manifest)),
+        notes=notes_of(run.cells, older_code(run.manifest)),
         closing=tuple(commands),
         facts={"folder": str(run.path), "by": by, "arm": arm.value},
         records=records,

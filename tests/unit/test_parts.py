@@ -169,11 +169,11 @@ def manifest_in(folder: Path, model: InteractionModel) -> Any:
 
 def test_a_resumed_run_needs_its_versions_strategies_and_model() -> None:
     then: Any = {"versions": {"sumo": "1"}, "strategies": {"own:A": "x"}, "models": {"dut": "1"}}
-    then |= {"files": {"town.net.xml": "1"}, "code": {"the measures": "1"}}
+    then |= {"files": {"town.net.xml": "1"}, "code": {"the rows": "1"}}
     refuse_other_versions(then, then)
     for part, now in (
         ("simulated with sumo 1, this is 2", then | {"versions": {"sumo": "2"}}),
-        ("code of the measures has changed", then | {"code": {"the measures": "2"}}),
+        ("code of the rows has changed", then | {"code": {"the rows": "2"}}),
         ("own:A has been edited", then | {"strategies": {"own:A": "y"}}),
         ("town.net.xml has changed", then | {"files": {"town.net.xml": "2"}}),
         ("model other has changed", then | {"models": {"other": "1"}}),
@@ -301,16 +301,16 @@ def test_findings_of_other_code_are_computed_again(
     refuses("episodes are missing: cell 1, pair 5 to 9", lambda: load_run(whole))
 
 
-def test_rows_of_older_measures_are_told(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rows_of_older_code_are_told(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Those of tables with other columns are refused."""
 
     def notes() -> set[str]:
         run = load_run(whole)
         return {note.key for of in (run.result(), worst(run)) for note in of.notes[:1]}
 
-    assert "older_measures" not in notes()
-    monkeypatch.setattr(folders, "code_of_rows", lambda: {"the measures": "later"})
-    assert notes() == {"older_measures"}
+    assert "older_code" not in notes()
+    monkeypatch.setattr(folders, "code_of_rows", lambda: {"the rows": "later"})
+    assert notes() == {"older_code"}
     other: Any = sealed({**folders.read_manifest(whole), "schema": "9"})
     folders.write_manifest(whole, other)
     refuses("tables with other columns; .*harness.run.*simulates", lambda: load_run(whole))

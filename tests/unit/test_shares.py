@@ -1,33 +1,35 @@
 """Which vehicles are AVs: by their ids alone, nested in the share; and SUMO's seeds."""
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from hypothesis import given, strategies as some
 
 from harness.core.seeding import SUMO_SEEDS_APART, stream, sumo_seed
-from harness.simulation.shares import is_automated
-
-CARS = frozenset({"passenger"})
-SHARES = some.floats(0, 1)
+from harness.simulation.arm import SimulatedArm
 
 
-@given(some.binary(min_size=32, max_size=32), some.text(), SHARES, SHARES)
+def is_automated(key: bytes, name: str, share: float, kind: str = "passenger") -> bool:
+    cars = SimpleNamespace(av_share=share, av_types=("passenger",))
+    arm: Any = SimpleNamespace(setup=SimpleNamespace(simulation=cars), _classes={}, _key=key)
+    return SimulatedArm.is_automated(arm, name, kind)
+
+
+@given(some.binary(min_size=32, max_size=32), some.text(), some.floats(0, 1), some.floats(0, 1))
 def test_a_greater_share_only_adds_avs(key: bytes, name: str, one: float, other: float) -> None:
     low, high = sorted((one, other))
-    if is_automated(key, name, CARS, low, CARS):
-        assert is_automated(key, name, CARS, high, CARS)
-    assert not is_automated(key, name, CARS, 0.0, CARS)
-    assert is_automated(key, name, CARS, 1.0, CARS)
-    assert not is_automated(key, name, frozenset({"bus"}), 1.0, CARS)
+    assert is_automated(key, name, low) <= is_automated(key, name, high)
+    assert not is_automated(key, name, 0.0)
+    assert is_automated(key, name, 1.0)
+    assert not is_automated(key, name, 1.0, "bus")
 
 
 def test_the_share_of_many_vehicles() -> None:
     """Numbers are uniform: 3 standard errors of a proportion; another seed or pair draws others."""
-    ids = [f"car{number}" for number in range(4000)]
-    pairs = ((1, 0), (2, 0), (1, 2**31))
-    keys = (stream(seed, "automated", pair).bytes(32) for seed, pair in pairs)
-    one, *others = ({of for of in ids if is_automated(key, of, CARS, 0.3, CARS)} for key in keys)
+    keys = (stream(of, "automated", n).bytes(32) for of, n in ((1, 0), (2, 0), (1, 2**31)))
+    one, *others = ({n for n in range(4000) if is_automated(key, f"car{n}", 0.3)} for key in keys)
     for found, share in ((one, 0.3), *((one & other, 0.09) for other in others)):
         assert abs(len(found) / 4000 - share) < 3 * math.sqrt(share * (1 - share) / 4000)
 

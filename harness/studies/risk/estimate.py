@@ -29,7 +29,7 @@ from harness.results import folder as folders, tables
 from harness.results.catalogue import entries_of
 from harness.results.cell_findings import CellFindings
 from harness.results.finding import Finding, Findings
-from harness.results.loaded_run import older_measures
+from harness.results.loaded_run import older_code
 from harness.results.notes import Note, retries
 from harness.results.place import place_in_words
 from harness.results.references import not_validated
@@ -381,7 +381,7 @@ def read_risk(path: Path) -> Result:
         notes=(
             *risk_notes(found, asked["not_sampled"], asked["target_cv"]),
             *_notes_of_models(scenario, arm, manifest["know_the_model"]),
-            *older_measures(manifest),
+            *older_code(manifest),
             *retries(folders.tried_again(path)),
         ),
         closing=() if found["probability"].value is None else (shown,),
