@@ -3,6 +3,7 @@
 import hashlib
 import inspect
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import cast
 
@@ -60,7 +61,7 @@ def find_strategy(name: str, where: Place) -> StrategyFactory:
 
 
 def source_digests(names: Iterable[str]) -> dict[str, str]:
-    """sha256 of the module of each strategy that is not built in, which identifies its code."""
+    """sha256 of the modules of each strategy that is not built in, which identifies its code."""
     digests = {}
     for name in sorted({*names} - {*STRATEGIES}):
         content = _source_of(find_strategy(name, "arms"))
@@ -69,20 +70,38 @@ def source_digests(names: Iterable[str]) -> dict[str, str]:
 
 
 def _source_of(strategy: StrategyFactory) -> bytes | None:
-    """The source of a strategy's module or, in a notebook, of its methods; None without either."""
+    """The source of a strategy's modules or, in a notebook, of its methods; None without either."""
     if isinstance(strategy, type) and issubclass(strategy, ProgramDriver):
         return read_file(Path(strategy.COMMAND[0]))
-    try:
-        file = inspect.getsourcefile(cast(type, strategy))
-        return Path(file).read_bytes() if file else None
-    except TypeError:  # its module has no file
+    with suppress(OSError, TypeError):  # its module has no file
+        return b"".join(map(Path.read_bytes, _own_files(cast(type, strategy))))
+    with suppress(OSError):
         functions = filter(inspect.isfunction, vars(strategy).values())
-    except OSError:
-        return None
-    try:
         return "".join(map(inspect.getsource, functions)).encode()
-    except OSError:
-        return None
+    return None
+
+
+def _own_files(strategy: type) -> list[Path]:
+    """The file of a strategy's module, and the files of the user's modules that it imports.
+
+    These lie below the working directory or beside the strategy's module or package.  They are
+    found in the sources, so they do not depend on what else this process has imported.  Installed
+    packages, and imports whose names are computed, are left out.
+
+    Raises:
+        OSError, TypeError: its module has no file.
+    """
+    from modulefinder import ModuleFinder  # few runs need it
+
+    file = Path(inspect.getfile(strategy))
+    module = strategy.__module__.replace("__main__", file.stem)
+    folders = [Path.cwd(), file.parents[module.count(".")]]
+    own = [str(each) for each in folders if each.name not in ("site-packages", "dist-packages")]
+    finder = ModuleFinder(own, excludes=["harness"])
+    with suppress(ImportError, SyntaxError):
+        finder.import_hook(module)
+    found = {Path(of) for each in finder.modules.values() if (of := vars(each)["__file__"])}
+    return [file, *sorted(found - {file})]
 
 
 def aggressiveness_of(name: str) -> Mapping[str, float]:

@@ -133,9 +133,9 @@ def _tasks(
                 raise InputError("pairs", f"pair {pairs.stop - 1}", f"at most {drawn} are drawn")
         scenarios.append(each)
     models, tasks = checked_models(scenarios, engine, "candidates"), list[Task]()
+    code = source_digests(name for each in scenarios for name in each.arms.model_dump().values())
     for number, (each, model) in enumerate(zip(scenarios, models, strict=True)):
         cells = (Cell(number, {}, each, valid=True),)
-        code = source_digests(each.arms.model_dump().values())
         tasks.append(Task(cells, model, pairs.start, len(pairs), engine=engine, code=code))
     return tasks
 

@@ -1,6 +1,5 @@
 """A user's own strategy through the console script, whose folder is not the working directory."""
 
-import json
 import os
 import shutil
 import subprocess
@@ -30,9 +29,10 @@ def test_the_template_runs_as_its_page_says(tmp_path: Path) -> None:
 
 
 STEADY = """
+from command_of_steady import COMMAND_MPS2
 class Steady:
     def decide(self, observation):
-        return 0.0
+        return COMMAND_MPS2
 """
 
 
@@ -40,14 +40,15 @@ class Steady:
 def test_a_run_is_not_resumed_with_another_strategy_of_that_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    module = tmp_path / "steady_or_not.py"
-    module.write_text(STEADY, encoding="utf-8")
+    """Nor if a module has changed that the strategy's imports."""
+    (tmp_path / "steady_or_not.py").write_text(STEADY, encoding="utf-8")
+    helper = tmp_path / "command_of_steady.py"
+    helper.write_text("COMMAND_MPS2 = 0.0\n", encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     name, out = "steady_or_not:Steady", tmp_path / "run"
-    run("cctc", settings={**QUICK, "arms.av": name}, pairs=1, workers=0, out=out)
-    manifest = json.loads((out / "manifest.json").read_text())
-    assert len(manifest["simulated_with"]["strategies"][name]) == 64
-    module.write_text(STEADY.replace("0.0", "0.25"), encoding="utf-8")
+    made = run("cctc", settings={**QUICK, "arms.av": name}, pairs=1, workers=0, out=out)
+    assert len(made.manifest["simulated_with"]["strategies"][name]) == 64
+    helper.write_text("COMMAND_MPS2 = 0.25\n", encoding="utf-8")
     # One that is finished is only read.
     assert len(resume(out, workers=0).pairs) == 1
     (out / "findings.json").unlink()

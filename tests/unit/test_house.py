@@ -25,7 +25,7 @@ ROOMS = {
     "core": 585,
     "scenario": 1_016,
     "model": 2_023,
-    "strategies": 1_305,
+    "strategies": 1_306,
     "engine": 1_278,
     "encounter": 1_036,
     "measures": 1_190,
@@ -35,7 +35,7 @@ ROOMS = {
     "report": 1_731,
     "rl": 170,
     "cli": 700,
-    "studies": 4_142,
+    "studies": 4_141,
 }
 CODE |= {f"harness/{room}": lines for room, lines in ROOMS.items()}
 RUNNING = (
