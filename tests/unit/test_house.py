@@ -128,6 +128,7 @@ def test_no_check_is_looser() -> None:
     assert len(coverage["report"]["exclude_also"]) <= UNCOVERED
     assert "omit" not in coverage["run"] | coverage["report"]
     assert coverage["run"]["source"] == ["harness"]
+    assert coverage["run"]["branch"]
     assert tools["mypy"]["strict"]
     assert {*tools["mypy"]["files"]} >= {"harness", "tests", "benchmarks", "examples"}
 
