@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from harness.core.documents import as_plain
-from harness.core.errors import InputError, advised, in_shell, unknown_name
+from harness.core.errors import InputError, Parameter, advised, in_shell, unknown_name
 from harness.core.freezing import frozen
 from harness.core.vocabulary import Arm
 from harness.results import folder as folders
@@ -26,7 +26,7 @@ from harness.results.place import name_of, place_in_words
 from harness.results.result import Result
 from harness.results.tables import COUNTED, TABLES_OF, RunKind
 from harness.scenario import Scenario, Setting, Study, study_from
-from harness.scenario.file import apply_setting
+from harness.scenario.file import apply_setting, validate
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -195,9 +195,11 @@ def load_run(path: Path | str, settings: Mapping[str, Any] | None = None) -> Run
     for key, value in (settings or {}).items():
         if not key.startswith("conflicts.") or key in manifest["cells"][0]:
             allowed = "thresholds of [conflicts] that are not swept; another run has the others"
-            raise InputError(key, "cannot change after a run", allowed)
+            raise InputError(Parameter("settings", key), "cannot change after a run", allowed)
         apply_setting(asked["scenario"], Setting(key, value))
-    study = study_from(asked, "settings" if settings else str(path / folders.MANIFEST))
+    where = str(path / folders.MANIFEST)
+    validate(asked["scenario"], where, dict.fromkeys(settings or {}, Parameter("settings")))
+    study = study_from(asked, where)
     stored = None if settings else folders.read_findings(path, manifest, study.cells)
     finished = folders.is_finished(path)  # a run may end while its parts are read
     found = stored or computed(path, manifest, study)
