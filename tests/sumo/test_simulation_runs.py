@@ -290,6 +290,7 @@ def test_a_written_scenario_runs_and_its_worst_passage_is_replayed(
         ({"simulation.crossings": [":C2_c0"]}, "a traffic light controls it"),
         ({"simulation.av_types": ["bus"]}, "unknown vehicle type or class 'bus'"),
         ({"simulation.end_s": 100.0}, "simulation.end_s: 100 s; .* within 0 to 60 s"),
+        ({"simulation.begin_s": 9.0, "simulation.end_s": 9.0}, "end_s: 9 s; .* after .*begin_s"),
         ({"simulation.av_shares": 1}, "did you mean 'av_share'"),
         ({"simulation.step_s": 1.5}, "simulation.step_s"),
         ({"ego.trigger_range_m": 10.0}, "nobody stops within 10 m from 13.89 m/s"),

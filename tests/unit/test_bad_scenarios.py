@@ -76,6 +76,7 @@ BAD_SETTINGS = [
     ("cctc crossing.lanes=2 crossing.lane_width_m=3.5", "crossing.lane_width_m | = 3 m"),
     ("cctc crossing.lanes=3 crossing.oncoming_lanes=3", "ego.width_m | at most 1 m"),
     ("cctc crossing.grade=-0.2 crossing.friction=0.1", "crossing.grade | with -0.2 | not brake"),
+    ("fmvss_127 crossing.latitude_deg=5", "crossing.longitude_deg | not given | both or neither"),
     ("cctc crossing.grade=0.4", "crossing.grade | not drive on"),
     # What is seen, and what hides it.
     ("cctc perception.latency_s=0.25", "perception.latency_s"),
@@ -91,12 +92,13 @@ BAD_SETTINGS = [
     # 3.55 m at 0.4 m/s, 1 m of it from rest, take 11.375 s; the car is there in 6.975 s.
     (timed(speed_mps=0.4), "timed.0.speed_mps | 4.4 s before the trigger | 114 m"),
     (f"{PEOPLE}.group_size=[0.5,0.4]", "the shares sum to 0.9; allowed: shares that sum"),
-    (f"{PEOPLE}.group_size=[1] pedestrians.drawn=[{table(episode=0)}]", "pedestrians.drawn"),
+    (f"{PEOPLE}.group_size=[0,1] pedestrians.drawn=[{table(episode=0)}]", "come one by one"),
     (f"{PEOPLE}.walking_speed.classes={CLASSES}", "walking_speed.mean_mps"),
     (f"{PEOPLE}.walking_speed={{mean_mps=1.4,classes={CLASSES}}}", "the shares sum to 1.1"),
     # Vehicles of a simulation.
     ("traffic experiment.pairs=1000004", "experiment.pairs | 1,000,004 | at most 1,000,003"),
     ("traffic traffic.flow_per_hour=1900", "traffic.flow_per_hour | below 1895"),
+    ("traffic traffic.tau_s=0.05", "traffic.tau_s | 0.05 s | at least experiment.step_s"),
     # Strategies and their parameters.
     ("cctc arms.av=soft_yeild", "arms.av | 'soft_yeild' | did you mean 'soft_yield'"),
     ("cctc strategies.soft_yield.p4=1", "strategies.soft_yield.p4 | unknown key"),
