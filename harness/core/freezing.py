@@ -4,23 +4,26 @@ import copyreg
 from collections.abc import Mapping
 from dataclasses import fields
 from types import MappingProxyType
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
+_T = TypeVar("_T")
 
-def frozen(value: Any) -> Any:
-    """A read-only copy of tables, lists and arrays, and of those in tables and lists.
+
+def frozen(value: _T) -> _T:
+    """A read-only copy of tables, lists and arrays, and of those in tables, lists and tuples.
 
     Lists become tuples.  An array that is read-only is not copied, and neither is anything else.
+    Named tuples stay as they are: whoever makes one makes its parts read-only.
 
     >>> frozen({"pairs": [1, {"seed": 2}]})
     mappingproxy({'pairs': (1, mappingproxy({'seed': 2}))})
     """
     if isinstance(value, Mapping):
-        return MappingProxyType({key: frozen(part) for key, part in value.items()})
-    if isinstance(value, list):
-        return tuple(map(frozen, value))
+        return cast(_T, MappingProxyType({key: frozen(part) for key, part in value.items()}))
+    if isinstance(value, list) or type(value) is tuple:
+        return cast(_T, tuple(frozen(part) for part in cast(Any, value)))
     if isinstance(value, np.ndarray) and value.flags.writeable:
         value = value.copy()
         value.setflags(write=False)

@@ -94,6 +94,7 @@ def _record(chunk: Chunk, number: int, measures: dict[str, Any]) -> EpisodeRecor
     trace, strike = chunk.traces[number], chunk.strikes[number]
     end_s = float(chunk.end_s[number])
     began, model_use = not math.isnan(end_s), trace.conditionings
+    on_foot = sum(walk.start_s is not None and walk.start_s < end_s for walk in trace.walks)
     return EpisodeRecord(
         ending=trace.ending if strike is None else Ending.CRASHED,
         reason=trace.reason,
@@ -105,7 +106,7 @@ def _record(chunk: Chunk, number: int, measures: dict[str, Any]) -> EpisodeRecor
         sumo_collision=trace.sumo_collision,
         fallback=trace.fallback,
         steps=int(chunk.steps[number]) if began else None,
-        pedestrians=_stepped_off(trace, end_s) if began else None,
+        pedestrians=on_foot if began else None,
         conditionings=model_use.uses if began else None,
         clamped=model_use.clamped if began else None,
         near_clamped=model_use.near_clamped if began else None,
@@ -113,8 +114,3 @@ def _record(chunk: Chunk, number: int, measures: dict[str, Any]) -> EpisodeRecor
         clamped_range_excess_m=model_use.range_excess_m if model_use.clamped else None,
         **measures,
     )
-
-
-def _stepped_off(trace: Trace, end_s: float) -> int:
-    """The number of people who stepped off before a time."""
-    return sum(walk.start_s is not None and walk.start_s < end_s for walk in trace.walks)

@@ -4,7 +4,6 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 
 from harness.core.documents import parse_json
 from harness.core.errors import InputError, Parameter, unknown_name
-from harness.core.freezing import Frozen
+from harness.core.freezing import Frozen, frozen
 from harness.core.vocabulary import FloatArray
 from harness.model.interaction import INVERSE_RANGE, PEDESTRIAN_SPEED, VARIABLES
 from harness.model.mixture.normals import effective
@@ -40,7 +39,7 @@ speeds are the extraction's; they keep E[1/T_adv] and passing times finite."""
 class RowFile(NamedTuple):
     """Rows, the sha256 of their file, and what ``harness extract`` says of them: {} otherwise.
 
-    ``damaged``: what it says cannot be read.
+    ``damaged``: what it says cannot be read.  The frame belongs to whoever asked for it.
     """
 
     rows: pd.DataFrame
@@ -121,7 +120,7 @@ def read_rows(path: Path) -> RowFile:
         about = None
     known = isinstance(about, dict)
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    return RowFile(rows, sha256, MappingProxyType(about if known else {}), not known)
+    return RowFile(rows, sha256, frozen(about if known else {}), not known)
 
 
 def box_of(texts: Sequence[str]) -> tuple[FloatArray, FloatArray]:

@@ -322,7 +322,7 @@ def _traces(scene: PictureSource) -> "Mapping[str, ShownPair]":
 
 def _motion(axes: Sequence[Axes], scene: PictureSource, of: Callable[..., None], what: str) -> str:
     width_m = scene.run.scenario_of(scene.shown[0].cell).crossing.width_m
-    of(axes[0], {name: pair.traces for name, pair in _traces(scene).items()}, width_m)
+    of(axes[0], {name: pair.traces.to_pandas() for name, pair in _traces(scene).items()}, width_m)
     return f"The vehicle's {what}, in chosen pairs."
 
 

@@ -142,9 +142,9 @@ def _episode(run: Run, pair: "ShownPair") -> JsonObject:
     table = read_cell(run.path, "episodes", pair.cell, run.manifest, pair.pair)
     records: dict[Arm, Row] = {Arm(row["arm"]): row for row in table.to_pylist()}
     cell = next(cell for cell in run.study.cells if cell.number == pair.cell)
-    arms = []
+    arms, both = [], [table.to_pandas() for table in (pair.traces, pair.people)]
     for arm, record in records.items():
-        traces, people = (table[table["arm"] == arm] for table in (pair.traces, pair.people))
+        traces, people = (frame[frame["arm"] == arm] for frame in both)
         arms.append(_arm(arm, record, traces, people, cell.scenario.crosswalk()))
     times_s = [record["pass_time_s"] for record in records.values()]
     result = "τ undefined" if None in times_s else f"τ = {times_s[0] / times_s[1]:.3f}"
@@ -161,7 +161,7 @@ def _episode(run: Run, pair: "ShownPair") -> JsonObject:
         "result": result,
         "small": ", ".join([result, *_small(records)]),
         "note": " ".join([*([note] if pair.repeated else []), *pair.differences]),
-        "until": 0.0 if pair.traces.empty else _short(pair.traces["time_s"].max()),
+        "until": 0.0 if both[0].empty else _short(both[0]["time_s"].max()),
         "step": cell.scenario.experiment.step_s,
         "arms": arms,
     }

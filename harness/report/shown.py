@@ -9,6 +9,7 @@ from harness.studies.running.replay import Key, traced
 
 if TYPE_CHECKING:
     import pandas as pd
+    import pyarrow as pa
 
 
 ALL_BELOW = 50
@@ -32,7 +33,7 @@ class ShownPair:
     Attributes:
         cell, pair: which pair.
         reasons: why it is shown.
-        traces, people: its rows of ``traces`` and ``pedestrians``.
+        traces, people: its rows of the tables ``traces`` and ``pedestrians``.
         repeated: whether it was simulated again, because the run kept no traces.
         differences: how a repeated pair differs from its record.
     """
@@ -40,8 +41,8 @@ class ShownPair:
     cell: int
     pair: int
     reasons: tuple[str, ...]
-    traces: "pd.DataFrame"
-    people: "pd.DataFrame"
+    traces: "pa.Table"
+    people: "pa.Table"
     repeated: bool = False
     differences: tuple[str, ...] = ()
 
@@ -63,7 +64,7 @@ def shown_pairs(run: Run) -> list[ShownPair]:
     repeated = not run.manifest["traces"]
     for key, whys in reasons.items():
         tables, differences = found[key]
-        traces, people = (tables[name].to_pandas() for name in ("traces", "pedestrians"))
+        traces, people = (tables[name] for name in ("traces", "pedestrians"))
         shown.append(ShownPair(*key, tuple(whys), traces, people, repeated, differences))
     return shown
 

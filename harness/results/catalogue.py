@@ -135,8 +135,7 @@ def _average(values: np.ndarray, weights: np.ndarray, _: Sampling) -> Finding:
 
 
 def _arms_ratio(times_s: np.ndarray, sampling: Sampling) -> Finding:
-    av_s, human_s = times_s
-    return estimators.ratio(av_s, human_s, sampling)
+    return estimators.ratio(times_s[AV], times_s[REFERENCE], sampling)
 
 
 def _p95(values: np.ndarray, ran: np.ndarray, sampling: Sampling) -> Finding:

@@ -6,7 +6,7 @@ unfinished run is made here, too.
 
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,7 +24,7 @@ from harness.results.cell_tables import drivers, scope_of, tables_of
 from harness.results.notes import FIRST, Note, notes_of, retries
 from harness.results.place import name_of, place_in_words
 from harness.results.result import Result
-from harness.results.tables import COUNTED, TABLES_OF, RunKind
+from harness.results.tables import COUNTED, TABLES_OF, RunKind, Tables
 from harness.scenario import Scenario, Setting, Study, study_from
 from harness.scenario.file import apply_setting, validate
 
@@ -37,7 +37,7 @@ Failure = tuple[int, int, str, str]
 
 @dataclass(frozen=True)
 class Run:
-    """The content of a run folder.  Tables are read on first use and kept; do not change them.
+    """The content of a run folder.  Each frame is new, and belongs to whoever asked for it.
 
     A missing value is NaN or None.  An unfinished run has, of each cell, the pairs up to the first
     one that is missing: later ones are left out, because those that finish first are the fast ones.
@@ -52,6 +52,8 @@ class Run:
     """Whether every planned pair is there, episodes that failed among them."""
     cells: tuple[CellFindings, ...]
     """The findings of every cell that has a pair."""
+    _kept: Tables = field(init=False, repr=False, compare=False, default_factory=dict)
+    """The tables of all cells that have been asked for."""
 
     @property
     def name(self) -> str:
@@ -88,12 +90,13 @@ class Run:
         return self.study.base.kind
 
     def table(self, name: str) -> "pd.DataFrame":
-        """A table of all cells as a frame."""
-        parts = [self.rows(name, cell.number) for cell in self.study.cells]
-        frame: pd.DataFrame = pa.concat_tables(parts).to_pandas()
+        """A table of all cells as a frame; it is read when it is first asked for."""
+        if name not in self._kept:
+            self._kept[name] = pa.concat_tables(self.rows(name, c.number) for c in self.study.cells)
+        frame: pd.DataFrame = self._kept[name].to_pandas()
         return frame
 
-    @cached_property
+    @property
     def summary(self) -> "pd.DataFrame":
         """One row per cell: ``cell``, the varied keys, the drivers, and every finding.
 
@@ -101,17 +104,17 @@ class Run:
         """
         return self.result().frame()
 
-    @cached_property
+    @property
     def episodes(self) -> "pd.DataFrame":
         """One row per cell × pair × arm: how it ended, and every measure (docs/files.md)."""
         return self.table("episodes")
 
-    @cached_property
+    @property
     def pedestrians(self) -> "pd.DataFrame":
         """One row per pedestrian × arm who arrived within the record."""
         return self.table("pedestrians")
 
-    @cached_property
+    @property
     def pairs(self) -> "pd.DataFrame":
         """One row per cell × pair: ``cell, pair, av_time_s, human_time_s, tau``."""
         times = self.episodes.pivot(index=["cell", "pair"], columns="arm", values="pass_time_s")

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from harness.core.documents import as_plain, check_form, parse_toml, shortened
 from harness.core.errors import InputError, Parameter, Place, inside, nearest_name
 from harness.core.files import read_file, shipped_directory
-from harness.core.freezing import Frozen
+from harness.core.freezing import Frozen, frozen
 from harness.core.vocabulary import SECONDS_PER_HOUR
 from harness.scenario.consistency import check_consistency
 from harness.scenario.scenario import Scenario
@@ -128,8 +128,8 @@ def read_scenario_file(name_or_path: str | Path, settings: Settings = ()) -> Sce
     sweep = tree.pop("sweep", None)
     if sweep is not None and not isinstance(sweep, dict):
         raise InputError(f"{path.name}: sweep", f"{shortened(sweep)} is not accepted", "a table")
-    given = as_settings(settings)
-    return ScenarioFile(path.stem, path.name, tree, sweep, tuple(given), path.parent)
+    given = tuple(each._replace(value=frozen(each.value)) for each in as_settings(settings))
+    return ScenarioFile(path.stem, path.name, tree, sweep, given, path.parent)
 
 
 def load_scenario(name_or_path: str | Path, settings: Settings = ()) -> Scenario:

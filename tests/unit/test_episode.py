@@ -120,8 +120,8 @@ def test_it_ends_when_the_rear_has_left_the_far_edge_in_the_last_step_too() -> N
     assert trace.ending is Ending.CROSSED
     assert trace.x_m[-1] >= 7.0 - 1e-9 > trace.x_m[-2]
     # 7.4 s to the far edge.
-    trace = play(ConstantSpeed(), [], scenario(experiment={"timeout_s": 7.4}))
-    assert trace.ending is Ending.CROSSED
+    late = scenario(experiment={"timeout_s": 7.4})
+    assert play(ConstantSpeed(), [], late).ending is Ending.CROSSED
 
 
 @pytest.mark.parametrize("timeout_s", [7.4, 9.3])

@@ -46,8 +46,7 @@ def test_times_of_acceleration_of_a_place_and_of_a_time_out() -> None:
     assert crossing_time_s(trace, -30.0) == 0.0
     result = record([-0.5] * 100, ending=Ending.TIMED_OUT)
     assert (result.ending, result.pass_time_s, result.delay_s) == ("timed_out", None, None)
-    assert result.end_s == pytest.approx(10.0)
-    assert result.steps == 100
+    assert (result.end_s, result.steps) == (pytest.approx(10.0), 100)
 
 
 def test_failed_episodes_and_those_without_pedestrians() -> None:

@@ -52,6 +52,7 @@ def test_gradient_the_steps_follow_is_the_slope_of_the_density(rows):
     box = truth()
     likelihood = Likelihood(rows, np.ones(len(rows)), box.lower, box.upper)
     at = likelihood.at(Normals(box.weights, box.locations, box.scale_matrices))
+    assert not any(part.flags.writeable for part in (at.counts, *at.slopes))
     coordinates = Coordinates(likelihood, at)
     z = np.random.default_rng(4).normal(size=coordinates.size)
 

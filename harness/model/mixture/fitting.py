@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from harness.core.errors import InputError
+from harness.core.freezing import frozen
 from harness.core.seeding import stream
 from harness.core.vocabulary import FloatArray
 from harness.model.mixture.distribution import TruncatedGaussianMixture
@@ -119,7 +120,7 @@ def fit_mixture(
             rng = stream(seed, "start_of_fit", *key, i)
             first = clustered_normals(rows, weights, n_components, rng)
             mixed = (first.weights + _EQUAL / n_components) / (1.0 + _EQUAL)
-            first = first._replace(weights=mixed)
+            first = first._replace(weights=frozen(mixed))
             begun += climb(likelihood, first, max(tol, _LOOSE_TOL), max_iter)
         best = max(begun, key=lambda start: start.end.objective, default=None)
         if best is None:

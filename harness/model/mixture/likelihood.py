@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from harness.core.freezing import frozen
 from harness.core.vocabulary import FloatArray
 from harness.model.mixture.boxes import moments
 from harness.model.mixture.distribution import SMALLEST_MASS
@@ -114,7 +115,7 @@ class Likelihood:
             (precisions @ first[:, :, None])[:, :, 0],
             0.5 * precisions @ second @ precisions,
         )
-        return Evaluation(normals, objective, log_likelihood, counts, slopes)
+        return Evaluation(normals, objective, log_likelihood, *frozen((counts, slopes)))
 
 
 class Coordinates:
@@ -152,11 +153,9 @@ class Coordinates:
         shifts = shift.reshape(*self._locations.shape, 1)
         away = (self._factors @ shifts)[:, :, 0]
         factors = self._factors_at(z)
-        return Normals(
-            weights / weights.sum(),
-            self._locations + self._unit * away,
-            self._floor + factors @ np.swapaxes(factors, 1, 2),
-        )
+        locations = self._locations + self._unit * away
+        scales = self._floor + factors @ np.swapaxes(factors, 1, 2)
+        return Normals(*frozen((weights / weights.sum(), locations, scales)))
 
     def below(self, z: FloatArray) -> tuple[float, FloatArray]:
         """Minus the objective and its gradient at z; infinite where it cannot be computed."""

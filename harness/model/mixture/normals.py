@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.cluster.vq import kmeans2, vq
 
+from harness.core.freezing import frozen
 from harness.core.vocabulary import FloatArray
 
 _ROUNDS = 10
@@ -20,7 +21,7 @@ _NARROWEST = 1e-5
 
 
 class Normals(NamedTuple):
-    """A mixture: weights (K,), locations (K, d) and scale matrices (K, d, d)."""
+    """A mixture: weights (K,), locations (K, d) and scale matrices (K, d, d), all read-only."""
 
     weights: FloatArray
     locations: FloatArray
@@ -71,4 +72,4 @@ def clustered_normals(
             away = own - locations[k]
             scatter = (away.T * weight) @ away / sizes[k]
         scales[k] = (effective * scatter + prior) / (effective + 1.0)
-    return Normals(sizes, locations, scales + _NARROWEST * np.eye(units.size))
+    return Normals(*frozen((sizes, locations, scales + _NARROWEST * np.eye(units.size))))

@@ -44,8 +44,9 @@ class Extraction:
 
     Attributes:
         rows: one row per encounter and sampling instant, with ``ROW_COLUMNS``, sorted by source
-            path, clip, vehicle, pedestrian and time.  Missing values are null.
-        counts: numbers of used and excluded items, in a copy whose tables are read-only.
+            path, clip, vehicle, pedestrian and time.  Missing values are null.  The frame belongs
+            to whoever asked for it.
+        counts: numbers of used and excluded items, in a copy whose parts are read-only.
     """
 
     rows: pd.DataFrame
@@ -87,8 +88,8 @@ def extract(paths: Paths, format_: str, **options: Any) -> Extraction:
     tally.vehicles = _groups(rows, VEHICLE_KEY)
     if tally.pairs is not None and seen is not None:
         tally.drop("pairs", "no_row_kept", seen - tally.pairs)
-    final = {name: frozen(getattr(tally, name)) for name in ("dropped", "skipped")}
-    return Extraction(rows, replace(tally, notes=[*tally.notes], **final))
+    final = {name: frozen(getattr(tally, name)) for name in ("dropped", "skipped", "notes")}
+    return Extraction(rows, replace(tally, **final))
 
 
 def read_clips(paths: Paths, format_: str, tally: Tally, **options: Any) -> list[Clip]:

@@ -4,10 +4,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from harness.core.freezing import frozen
-from harness.core.vocabulary import FloatArray
+from harness.core.vocabulary import BoolArray, FloatArray
 from harness.model.mixture.normals import Normals, clustered_normals
 
 _POINTS, _MOST = 15, 24
@@ -48,13 +47,13 @@ class NormalMixture(Normals):
         together = np.logaddexp(np.array(logs).T, _UNLIKELY)
         chances = np.exp(together - together.max(axis=1, keepdims=True))
         chances /= chances.sum(axis=1, keepdims=True)
-        return GivenDensity(*map(frozen, (chances, np.array(means), np.array(factors))))
+        return GivenDensity(*frozen((chances, np.array(means), np.array(factors))))
 
     def mixed_with(self, other: Normals, share: float) -> "NormalMixture":
         """A mixture in which the other one has a share."""
         weights = np.concatenate([(1 - share) * self.weights, share * other.weights])
-        parts = zip(self[1:], other[1:], strict=True)
-        return NormalMixture(weights, *map(np.concatenate, parts))
+        parts = (np.concatenate(both) for both in zip(self[1:], other[1:], strict=True))
+        return NormalMixture(*map(frozen, (weights, *parts)))
 
 
 class GivenDensity(NamedTuple):
@@ -84,7 +83,7 @@ class GivenDensity(NamedTuple):
 
 
 def fitted(
-    y: FloatArray, weights: FloatArray, standard: NDArray[np.bool_], rng: np.random.Generator
+    y: FloatArray, weights: FloatArray, standard: BoolArray, rng: np.random.Generator
 ) -> NormalMixture:
     """A mixture fitted to weighted points around the clusters of k-means.
 
@@ -104,17 +103,17 @@ def fitted(
     variances = share @ (y - mean) ** 2 + _NARROWEST
     free = standard & ((mean**2 + variances - 1 - np.log(variances)) / 2 < _DIVERGENCE)
     if free.all():
-        return NormalMixture(np.ones(1), np.zeros((1, size)), np.eye(size)[None])
+        return NormalMixture(*frozen((np.ones(1), np.zeros((1, size)), np.eye(size)[None])))
     used = np.flatnonzero(~free)
     count = min(_MOST, 1 + len(y) // max(_POINTS, 4 * used.size))
     near = clustered_normals(y[:, used], weights, count, rng)
-    near = Normals(*(part[near.weights > 0] for part in near))
+    near = Normals(*(frozen(part[near.weights > 0]) for part in near))
     locations = np.zeros((2 * len(near.weights), size))
     locations[:, used] = np.tile(near.locations, (2, 1))
     scales = np.tile(np.eye(size), (2 * len(near.weights), 1, 1))
     scales[:, used[:, None], used] = np.concatenate([near.scales, _WIDER**2 * near.scales])
     both = np.concatenate([(1 - _WIDE_SHARE) * near.weights, _WIDE_SHARE * near.weights])
-    return NormalMixture(both, locations, scales)
+    return NormalMixture(*frozen((both, locations, scales)))
 
 
 def standard_normal(z: FloatArray) -> FloatArray:

@@ -6,13 +6,13 @@ to the draws of all rounds with the lowest scores.  No round but the last is in 
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
-from harness.core.vocabulary import FloatArray
+from harness.core.freezing import Frozen
+from harness.core.vocabulary import BoolArray, FloatArray
 from harness.model.mixture.normals import effective
 from harness.studies.risk.densities import NormalMixture, fitted
 from harness.studies.risk.draws import Proposal, Units, bound
@@ -70,7 +70,8 @@ _LEAST_DRAWS = 4_000
 """Least number of draws of an estimate whose people are not placed."""
 
 
-class _Tried(NamedTuple):
+@dataclass(frozen=True)
+class _Tried(Frozen):
     """What was drawn from a learned density.
 
     Points (n, d), their own scores (n, gradings), whether an event was due to them, and the nominal
@@ -79,7 +80,7 @@ class _Tried(NamedTuple):
 
     points: FloatArray
     own: FloatArray
-    due: NDArray[np.bool_]
+    due: BoolArray
     likely: FloatArray
 
 
@@ -187,8 +188,8 @@ def _fit(
     """The next proposal, fitted to the draws of all rounds."""
     size, first, tried = len(space.fixed), _tried(rounds, placed=False), _tried(rounds, placed=True)
     # Only the sign of a side's number matters: its size is drawn anew, or fits would narrow it.
-    names = np.array([*space.fixed, "speed", "arrival", *space.marks])
-    first, tried = (_with_other_sides(each, names, rng) for each in (first, tried))
+    side = np.array([*space.fixed, "speed", "arrival", *space.marks]) == "side"
+    first, tried = (_with_other_sides(each, side, rng) for each in (first, tried))
     fixed = _fitted(first, np.ones(size, dtype=bool), lowest, rng) if size else None
     if len(tried.due) < lowest:  # nobody can be placed, or the ego passes too rarely
         return proposal._replace(fixed=fixed)
@@ -212,16 +213,16 @@ def _fit(
     return proposal._replace(fixed=fixed, placed=placed)
 
 
-def _with_other_sides(tried: _Tried, names: NDArray[Any], rng: np.random.Generator) -> _Tried:
+def _with_other_sides(tried: _Tried, side: BoolArray, rng: np.random.Generator) -> _Tried:
     """The same draws, with new sizes of the numbers that stand for a side."""
     points = tried.points.copy()
-    side = names[: points.shape[1]] == "side"
+    side = side[: points.shape[1]]
     points[:, side] = np.copysign(rng.standard_normal(points[:, side].shape), points[:, side])
-    return tried._replace(points=points)
+    return replace(tried, points=points)
 
 
 def _fitted(
-    tried: _Tried, standard: NDArray[np.bool_], lowest: int, rng: np.random.Generator
+    tried: _Tried, standard: BoolArray, lowest: int, rng: np.random.Generator
 ) -> NormalMixture | None:
     """The density of those with an event or one of the lowest scores; None without any."""
     chosen = tried.due.copy()
