@@ -26,7 +26,7 @@ from pathlib import Path
 import sumo
 
 from harness.core.vocabulary import Arm
-from harness.engine.arm_configuration import write_config
+from harness.engine.arm_files import write_config
 from harness.engine.shared import close_engine
 from harness.engine.town_reader import read_town
 from harness.model.interaction import load_model

@@ -53,10 +53,9 @@ def read_town(net: Path) -> Town:
     # this module can be told from a damaged file.
     except Exception as error:
         raise InputError(str(net), f"is not a complete SUMO network ({error})") from error
-    ways = [each for at in passing.values() for each in at]
     return Town(
         {each.id: each for each in crosswalks},
-        {(each.from_lane, each.to_lane): each for each in ways},
+        {(each.from_lane, each.to_lane): each for at in passing.values() for each in at},
         {each.id: each for each in lanes},
     )
 

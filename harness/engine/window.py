@@ -14,7 +14,7 @@ _AROUND_M = 6.0
 """Length of road shown beyond the trigger and beyond the crosswalk."""
 
 
-def window_options(delay_s: float) -> dict[str, str]:
+def window_options(delay_s: float = 0.1) -> dict[str, str]:
     """Options of sumo-gui: it begins at once, waits after each step, and closes at the end."""
     return {"start": "true", "quit-on-end": "true", "delay": f"{1000 * delay_s:.6g}"}
 

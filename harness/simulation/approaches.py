@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Sequence
 
 from harness.core.vocabulary import Arm
 from harness.engine.session import Session, edge_of, is_inside_junction
-from harness.simulation.cars import LOOK_S, SIGHT_M, Car, Link, Passage
+from harness.simulation.cars import LOOK_S, SIGHT_M, Car, Link, Meeting, Passage
 from harness.simulation.setup import Setup
 from harness.site.town import Connection, Crosswalk, Town
 from harness.site.zone import zone_of
@@ -87,7 +87,8 @@ class Approaches:
                 path = town.path(link.connection)
                 zone = zone_of(path, crosswalk, body.length_m, body.width_m)
                 if zone is not None:
-                    found.append(Passage(car, crosswalk, link.connection, zone, link.begin_m, body))
+                    at = Meeting.of(crosswalk, link.connection, zone, link.begin_m)
+                    found.append(Passage(car, at, body))
         return found
 
     def _look_ahead(self, car: Car, at_m: float) -> None:

@@ -1,16 +1,15 @@
 """One arm of a pair, step by step: who drives which passage; passages and people out."""
 
 import math
-from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Sequence
 from functools import partial
 
-from harness.core.seeding import NUMBERS, number_of, stream
 from harness.core.vocabulary import ROUNDING, Arm, ModelUse
 from harness.encounter.arms import uses_of
 from harness.encounter.driver import Driver
 from harness.encounter.walking_speeds import WalkingSpeeds
-from harness.engine.session import Collision, Session, is_inside_junction
+from harness.engine.session import Session
 from harness.model.interaction import InteractionModel
 from harness.simulation.approaches import Approaches
 from harness.simulation.cars import PASSED, Car, Passage
@@ -18,11 +17,10 @@ from harness.simulation.driving import Control
 from harness.simulation.own_people import OwnPeople
 from harness.simulation.people_at import PeopleAt
 from harness.simulation.setup import Setup
+from harness.simulation.traffic_counts import TrafficCounts
 from harness.site.town import Crosswalk
 from harness.strategies.perception.sensor import sensor_of
 
-QUEUED_MPS = 5 / 3.6
-"""A vehicle below this speed is queued (5 km/h, as in SUMO's queue output)."""
 SAMPLE_S = 1.0
 """Time between two samples of the queues."""
 LEAST_RANGE_M = 0.1
@@ -46,9 +44,9 @@ class SimulatedArm:
     Attributes:
         people: everybody at each chosen crosswalk.
         passages: over the chosen crosswalks, those before the counted time too.
-        automated: whether it is an AV, of every vehicle that departed.
-        queues: by crosswalk, the number of queued vehicles at every counted second.
-        counts: SUMO's events in the counted time, and the uses of the interaction model.
+        traffic: SUMO's events, the queues, and which vehicles are AVs.
+        uses: those of the interaction model, by strategies that have ended and by people.
+        times_s: the time at the end of every step so far.
     """
 
     def __init__(
@@ -56,23 +54,19 @@ class SimulatedArm:
     ) -> None:
         self.setup, self.session, self._vehicles = setup, session, session.vehicles
         self._pair, self._arm, self._model = pair, arm, model
-        self._steps = 0
-        self._key = stream(setup.scenario.experiment.seed, "automated", pair).bytes(32)
         self.passages: list[Passage] = []
-        self.automated: dict[str, bool] = {}
-        self._classes: Mapping[str, str] = {}
-        self.queues: dict[str, list[int]] = {name: [] for name in setup.crosswalks}
-        self.counts: Counter[str] = Counter()
+        self.uses: list[ModelUse] = []
+        self.times_s: list[float] = []
         self._cars: dict[str, Car] = {}
         self._begun: dict[str, Car] = {}
         self._due: dict[int, list[Car]] = defaultdict(list)
-        self._hits: set[tuple[str, str]] = set()
         self._speeds = WalkingSpeeds(setup.scenario, model)
         self.people = {name: self._people_at(each) for name, each in setup.crosswalks.items()}
         self._owns = [each.own for each in self.people.values() if each.own is not None]
         self._sensors = {driver: sensor_of(setup.scenario, driver) for driver in Arm}
         self._control = Control(session, setup, self.people)
         self._approaches = Approaches(setup, session)
+        self.traffic = TrafficCounts(setup, session, pair, self._cars, self.people)
 
     def _people_at(self, crosswalk: Crosswalk) -> PeopleAt:
         setup, session = self.setup, self.session
@@ -98,29 +92,25 @@ class SimulatedArm:
                 break
             self._begin_step()
             time_s = session.step()
-            self._steps += 1
-            departed = session.departed()
+            self.times_s.append(time_s)
+            steps, departed = len(self.times_s), session.departed()
             self._events(time_s, departed)
             due = self._read()
             for own in self._owns:
                 own.end_step()
             for car in due:
                 self._go_on(car, time_s)
-            self._look(time_s, departed)
+            self._look(steps, time_s, departed)
             for people in self.people.values():
-                if people.watched or self._steps % stroll == 0:
+                if people.watched or steps % stroll == 0:
                     people.note(time_s)
-            if self._steps % sample == 0 and setup.counts(time_s):
-                self._sample()
+            if steps % sample == 0 and setup.counts(time_s):
+                self.traffic.sample_queues(self._approaches.before)
         for car in [*self._cars.values()]:
             self._drop(car, ENDED)
-        self._classes = session.vehicle_classes()
-        self._note_uses(self._speeds.model_use.counts)
-        self.passages.sort(key=lambda each: (each.begin_s, each.car.name, each.crosswalk.id))
-
-    def __len__(self) -> int:
-        """The number of simulated steps."""
-        return self._steps
+        self.traffic.read_classes()
+        self.uses.append(self._speeds.model_use.counts)
+        self.passages.sort(key=lambda each: (each.begin_s, each.car.name, each.at.crosswalk.id))
 
     def _begin_step(self) -> None:
         """Let people and strategies decide on the state at the step's beginning."""
@@ -135,49 +125,12 @@ class SimulatedArm:
                 self._control.ignore_at(people.crosswalk)
 
     def _events(self, time_s: float, departed: Sequence[str]) -> None:
-        """Count the vehicles that collided, were teleported, or have left; note who departed."""
-        session, setup, vehicles = self.session, self.setup, self._vehicles
-        for name in departed:
-            type_id = vehicles.type(name)
-            if type_id not in self._classes:
-                self._classes = session.vehicle_classes()
-            self.automated[name] = self.is_automated(name, type_id)
-        teleported = session.teleported()
-        events = ["teleports"] * len(teleported)
-        events += ["emergency_stops"] * len(session.emergency_stops())
-        for hit in session.collisions():
-            # SUMO reports a collision at several steps; it counts at the first.  It reports those
-            # of people with each other, too.
-            if hit.collider in self.automated and (hit.collider, hit.victim) not in self._hits:
-                self._hits.add((hit.collider, hit.victim))
-                events += self._kinds_of(hit)
-        if events and setup.counts(time_s):
-            self.counts.update(events)
-        for name in session.arrived():
+        """Count what SUMO reports of a step, and leave the vehicles alone that left or jumped."""
+        self.traffic.note(time_s, departed)
+        for name in self.session.arrived():
             self._drop(self._cars.get(name), "it arrived on its way")
-        for name in teleported:
+        for name in self.session.teleported():
             self._drop(self._cars.get(name), "SUMO teleported it", exists=True)
-
-    def is_automated(self, name: str, type_id: str) -> bool:
-        """Whether a vehicle of a type is an AV, in either arm, or would be if it departed.
-
-        A greater share only adds AVs, since a vehicle's number does not depend on the share.
-        """
-        kinds, simulation = {type_id, self._classes.get(type_id, "")}, self.setup.simulation
-        share = number_of(name, self._key) / NUMBERS
-        return share < simulation.av_share and not kinds.isdisjoint(simulation.av_types)
-
-    def _kinds_of(self, hit: Collision) -> list[str]:
-        """What a collision counts as; a passage notes that SUMO saw one with a person."""
-        # Vehicles and people may have the same ids: whoever is on a crosswalk walks.
-        places = {name for name, people in self.people.items() if hit.victim in people.names()}
-        if hit.collider in self._cars:
-            for passage in self._cars[hit.collider].passages:
-                passage.collided |= passage.crosswalk.id in places
-        if places or hit.victim not in self.automated:
-            return ["person_collisions"]
-        inside = is_inside_junction(hit.lane)
-        return ["vehicle_collisions", "overlaps"] if inside else ["vehicle_collisions"]
 
     def _read(self) -> list[Car]:
         """Read all vehicles that have begun a passage, at the step's end.
@@ -198,12 +151,12 @@ class SimulatedArm:
                 due.append(car)
         return due
 
-    def _look(self, time_s: float, departed: Sequence[str]) -> None:
+    def _look(self, steps: int, time_s: float, departed: Sequence[str]) -> None:
         """Find the vehicles that came onto watched edges, or may begin a passage by now."""
-        due = self._due.pop(self._steps, [])
-        for name in self._approaches.found(self._steps, departed):
-            if name not in self._cars and name in self.automated:
-                automated = self.automated[name]
+        due, automated_by_name = self._due.pop(steps, []), self.traffic.automated
+        for name in self._approaches.found(steps, departed):
+            if name not in self._cars and name in automated_by_name:
+                automated = automated_by_name[name]
                 driver = self._arm if automated else Arm.HUMAN
                 self._cars[name] = self._approaches.car(name, automated, driver)
                 due.append(self._cars[name])
@@ -225,15 +178,15 @@ class SimulatedArm:
     def _go_on(self, car: Car, time_s: float) -> None:
         """End passages, find those that come, and begin those beyond R0."""
         for passage in [*car.passages]:
-            if passage.begun and car.odometer_m >= passage.last_m - ROUNDING:
+            if passage.begun and car.odometer_m >= passage.at.last_m - ROUNDING:
                 self._end(passage, PASSED)
         self._replan(car)
         range_m = self.setup.scenario.ego.trigger_range_m + ROUNDING
         car.next_m = math.inf
         for passage in car.passages:
-            if not passage.begun and car.odometer_m >= passage.centre_m - range_m:
+            if not passage.begun and car.odometer_m >= passage.at.centre_m - range_m:
                 self._begin(passage, time_s)
-            ends_m, begins_m = passage.last_m - ROUNDING, passage.centre_m - range_m
+            ends_m, begins_m = passage.at.last_m - ROUNDING, passage.at.centre_m - range_m
             car.next_m = min(car.next_m, ends_m if passage.begun else begins_m)
         if not car.passages:
             self._drop(car, PASSED, exists=True)
@@ -247,7 +200,7 @@ class SimulatedArm:
         """Look again when a vehicle may begin its next passage, but within a second."""
         step_m = max(car.max_mps, 1.0) * self.session.step_s
         steps = min(int((car.next_m - car.odometer_m) / step_m), self._approaches.every)
-        self._due[self._steps + max(1, steps)].append(car)
+        self._due[len(self.times_s) + max(1, steps)].append(car)
 
     def _replan(self, car: Car) -> None:
         """Find the crosswalks ahead of a vehicle, if it has come onto another lane."""
@@ -255,26 +208,27 @@ class SimulatedArm:
         if coming is None:
             return
         for passage in [*car.passages]:
-            same = next((each for each in coming if each.is_like(passage)), None)
+            ahead = passage.at.first_m > car.odometer_m
+            same = next((each for each in coming if each.at.is_like(passage.at)), None)
             if same is not None:
                 coming.remove(same)
-                if same.connection is not passage.connection and passage.first_m > car.odometer_m:
+                if ahead and same.at.connection is not passage.at.connection:
                     passage.move_to(same)
-            elif passage.first_m > car.odometer_m:
+            elif ahead:
                 self._end(passage, "it went another way")
-        car.passages += [each for each in coming if each.last_m > car.odometer_m]
-        car.passages.sort(key=lambda each: each.first_m)
+        car.passages += [each for each in coming if each.at.last_m > car.odometer_m]
+        car.passages.sort(key=lambda each: each.at.first_m)
 
     def _begin(self, passage: Passage, time_s: float) -> None:
         """Begin a passage whose vehicle is within R0, and choose who drives."""
         setup, car, step_s = self.setup, passage.car, self.session.step_s
-        people = self.people[passage.crosswalk.id]
+        people = self.people[passage.at.crosswalk.id]
         if car.name not in self._begun:
             self._begun[car.name] = car
             car.note(car.odometer_m, car.speed_mps)
         driver = self._arm if car.automated else Arm.HUMAN
         range_m = setup.scenario.ego.trigger_range_m
-        x_m = car.odometer_m - passage.centre_m
+        x_m = car.odometer_m - passage.at.centre_m
         over_m = max(0.0, x_m + range_m)
         reach_m = (car.speed_mps + car.vehicle.max_deceleration_mps2 * step_s) * step_s
         within = car.speed_mps > 0 and over_m <= reach_m  # it may have departed here
@@ -302,15 +256,12 @@ class SimulatedArm:
         people.watched += 1
         self.passages.append(passage)
 
-    def _note_uses(self, use: ModelUse) -> None:
-        self.counts.update(conditionings=use.uses, clamped=use.clamped)
-
     def _end(self, passage: Passage, why: str) -> None:
         if passage.strategy is not None:
-            self._note_uses(uses_of(passage.strategy))
+            self.uses.append(uses_of(passage.strategy))
         passage.end(why)
         if passage.begun:
-            self.people[passage.crosswalk.id].watched -= 1
+            self.people[passage.at.crosswalk.id].watched -= 1
         passage.car.passages.remove(passage)
 
     def _drop(self, car: Car | None, why: str, *, exists: bool = False) -> None:
@@ -322,16 +273,3 @@ class SimulatedArm:
         for passage in [*car.passages]:
             self._end(passage, why)
         self._control.release(car, exists=exists)
-
-    def _sample(self) -> None:
-        """Count the queued vehicles before each crosswalk."""
-        # The first one may wait inside the junction.
-        waiting = defaultdict[str, set[str]](set)
-        for car in self._begun.values():
-            for each in car.passages:
-                if each.begun and car.odometer_m < each.first_m:
-                    waiting[each.crosswalk.id].add(car.name)
-        for crosswalk, edges in self._approaches.before.items():
-            names = waiting[crosswalk].union(*map(self.session.vehicles_on, edges))
-            queued = sum(self._vehicles.speed_mps(name) < QUEUED_MPS for name in names)
-            self.queues[crosswalk].append(queued)

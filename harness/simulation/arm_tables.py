@@ -2,6 +2,7 @@
 
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -12,8 +13,7 @@ import numpy as np
 from harness.core.errors import EngineError, StrategyError
 from harness.core.freezing import Frozen
 from harness.core.vocabulary import Arm, FailedIn, StepMotion
-from harness.engine.arm_configuration import write_config
-from harness.engine.outputs import Trip, trips_in
+from harness.engine.arm_files import Trip, trips_in, write_config
 from harness.engine.session import Module, Session
 from harness.engine.sources import CROSSWALK
 from harness.model.interaction import InteractionModel
@@ -26,8 +26,7 @@ from harness.site.town import Crosswalk
 Columns = Mapping[str, Sequence[Any]]
 """A table: its columns by name."""
 
-_COUNTS = ("vehicle_collisions", "person_collisions", "overlaps", "teleports", "emergency_stops",
-           "conditionings", "clamped")  # fmt: skip
+_EVENTS = ["vehicle_collisions", "person_collisions", "overlaps", "teleports", "emergency_stops"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,30 +73,24 @@ def run_arm(
         begins: receives what grows with every step when the first step is about to begin, and None
             after the last one.
     """
-    session: Session | None = None
     try:
         config = write_config(setup.config, folder, setup.seed(pair), more, keeps=keeps)
-        session = Session(config, module=module)
-        with session.watched("failed"):
+        with closing(Session(config, module=module)) as session, session.watched("failed"):
             running = SimulatedArm(setup, session, pair, arm, model)
-            begins(running)
+            begins(running.times_s)
             running.run()
-        begins(None)
-        session.close()
-        session = None
+            begins(None)
         return ArmTables(pair, arm, _tables(setup, running, folder))
     except StrategyError as error:
         return ArmTables(pair, arm, {}, str(error), "strategy", error.traceback)
     except EngineError as error:
         return ArmTables(pair, arm, {}, f"{setup.config.path.name}: {error}", "engine")
-    finally:
-        if session is not None:
-            session.close()
 
 
 def _tables(setup: Setup, arm: SimulatedArm, folder: Path) -> dict[str, Columns]:
     """The tables of an arm whose simulation has ended, with its outputs in a folder."""
-    end_s, people = arm.session.time_s, {name: each.walked() for name, each in arm.people.items()}
+    end_s, traffic = arm.session.time_s, arm.traffic
+    people = {name: each.walked() for name, each in arm.people.items()}
     counted = [each for each in arm.passages if setup.counts(each.begin_s - each.trace_offset_s)]
     motion: StepMotion = "ballistic" if setup.config.ballistic else "euler"
     passed = passages(counted, people, setup.town, arm.session.step_s, motion)
@@ -116,15 +109,17 @@ def _tables(setup: Setup, arm: SimulatedArm, folder: Path) -> dict[str, Columns]
         "harness_people": sum(row["own"] for row in walked),
         "sumo_people": sum(not row["own"] for row in walked),
         "people_left_out": sum(each.left_out for each in arm.people.values()),
-        **{name: arm.counts[name] for name in _COUNTS},
+        **{name: traffic.events[name] for name in _EVENTS},
+        "conditionings": sum(each.uses for each in arm.uses),
+        "clamped": sum(each.clamped for each in arm.uses),
     }
-    vehicles = _vehicles(trips_in(folder), arm.is_automated, end_s)
+    vehicles = _vehicles(trips_in(folder), traffic.is_automated, end_s)
     tables: dict[str, list[Row]] = {
         "arms": [arms],
         "passages": passed,
         "vehicles": [row for row in vehicles if setup.counts(row["due_s"])],
         "people": walked,
-        "crosswalks": [_crosswalk(each.crosswalk, arm.queues) for each in arm.people.values()],
+        "crosswalks": [_crosswalk(at, traffic.queues[at.id]) for at in setup.crosswalks.values()],
     }
     # Without rows there are no columns.
     return {
@@ -144,13 +139,9 @@ def _vehicles(
     for trip in trips:
         begun_s = end_s if trip.depart_s is None else trip.depart_s
         yield {
-            "vehicle": trip.vehicle,
-            "type": trip.type_id,
-            "automated": is_automated(trip.vehicle, trip.type_id),
+            **trip._asdict(),
+            "automated": is_automated(trip.vehicle, trip.type),
             "due_s": begun_s - trip.depart_delay_s,
-            "depart_s": trip.depart_s,
-            "arrival_s": trip.arrival_s,
-            "depart_delay_s": trip.depart_delay_s,
             "time_loss_s": trip.depart_delay_s + trip.time_loss_s,
         }
 
@@ -196,9 +187,9 @@ def _people(
         }
 
 
-def _crosswalk(crosswalk: Crosswalk, queues: Mapping[str, Sequence[int]]) -> Row:
+def _crosswalk(crosswalk: Crosswalk, queue: Sequence[int]) -> Row:
     """The row of the table ``crosswalks``, with the queue before it."""
-    centre, queue = crosswalk.axis.interpolate(0.5, normalized=True), queues[crosswalk.id]
+    centre = crosswalk.axis.interpolate(0.5, normalized=True)
     return {
         "crosswalk": crosswalk.id,
         "prioritized": crosswalk.prioritized,

@@ -102,15 +102,43 @@ class Car:
         return min(self.max_mps, lane_mps * self.speed_factor)
 
 
+class Meeting(NamedTuple):
+    """Where a vehicle meets a crosswalk, by its odometer.
+
+    Attributes:
+        crosswalk: the crosswalk.
+        connection, zone: the connection on which the vehicle meets it, and its body's zone there.
+        stop_m: the odometer at the stop line.
+        first_m, last_m: the odometer where the body first and last touches the crosswalk.
+        centre_m: the odometer at x = 0 of the zone's straight frame.
+    """
+
+    crosswalk: Crosswalk
+    connection: Connection
+    zone: Zone
+    stop_m: float
+    first_m: float
+    last_m: float
+    centre_m: float
+
+    @classmethod
+    def of(cls, at: Crosswalk, connection: Connection, zone: Zone, stop_m: float) -> "Meeting":
+        """The meeting of a vehicle whose odometer at the stop line is ``stop_m``."""
+        places_m = (stop_m + s for s in (zone.first_m, zone.last_m, zone.centre_m))
+        return cls(at, connection, zone, stop_m, *places_m)
+
+    def is_like(self, other: "Meeting") -> bool:
+        """Whether it is with the same crosswalk at the same time."""
+        return self.crosswalk is other.crosswalk and abs(self.stop_m - other.stop_m) < _SAME_M
+
+
 @dataclass(slots=True, eq=False)
 class Passage:
     """One vehicle's way over one chosen crosswalk, from R0 until its rear has left.
 
     Attributes:
         car: the vehicle.
-        crosswalk: the crosswalk.
-        connection, zone: where the vehicle meets it; ``crossing`` is its straight frame.
-        stop_m: the odometer at the stop line.
+        at: where it meets the crosswalk, which changes with its lane.
         vehicle: the car's constants; once it has begun, with v0 and R0 of this passage and the
             size of its zone: the straight frame's body covers the same part of the crosswalk.
         driver: who drives, or ``sumo``.
@@ -129,10 +157,7 @@ class Passage:
     """
 
     car: Car
-    crosswalk: Crosswalk
-    connection: Connection
-    zone: Zone
-    stop_m: float
+    at: Meeting
     vehicle: Vehicle
     driver: str = "sumo"
     strategy: Strategy | None = None
@@ -148,33 +173,23 @@ class Passage:
     fallback: bool | None = None
     collided: bool = False
     driven_by: Driver | None = None
-    crossing: Crossing = field(init=False)
-    first_m: float = field(init=False)
-    last_m: float = field(init=False)
-    centre_m: float = field(init=False)
 
-    def __post_init__(self) -> None:
-        """Place the crosswalk on the odometer."""
-        self._place()
-
-    def _place(self) -> None:
-        """The odometer where the body first and last touches the crosswalk, and at x = 0."""
-        self.crossing = self.zone.crossing
-        self.first_m = self.stop_m + self.zone.first_m
-        self.last_m = self.stop_m + self.zone.last_m
-        self.centre_m = self.stop_m + self.zone.centre_m
+    @property
+    def crossing(self) -> Crossing:
+        """The crosswalk's constants in the straight frame."""
+        return self.at.zone.crossing
 
     # What the harness's people see of it (``encounter.deciding.Approaching``)
 
     @property
     def x_m(self) -> float:
         """x as the people at the crosswalk see it: its near edge is at − half the width."""
-        return self.car.odometer_m - self.first_m - self.crosswalk.width_m / 2
+        return self.car.odometer_m - self.at.first_m - self.at.crosswalk.width_m / 2
 
     @property
     def passed_at_m(self) -> float:
         """``x_m`` at which the rear has left."""
-        return self.last_m - self.first_m - self.crosswalk.width_m / 2
+        return self.at.last_m - self.at.first_m - self.at.crosswalk.width_m / 2
 
     @property
     def passed(self) -> bool:
@@ -191,26 +206,22 @@ class Passage:
         """The vehicle's acceleration."""
         return self.car.acceleration_mps2
 
-    def is_like(self, other: "Passage") -> bool:
-        """Whether it leads over the same crosswalk at the same time."""
-        return self.crosswalk is other.crosswalk and abs(self.stop_m - other.stop_m) < _SAME_M
-
     def begin(self, time_s: float, range_m: float) -> None:
         """Begin with the last state and R0 = ``range_m``, at the limit before the junction."""
         self.begun, self.begin_s = True, time_s
         self.first, self.limited = len(self.car.speeds_mps) - 1, tuple(self.car.limited)
         self.vehicle = replace(
             self.car.vehicle,
-            initial_speed_mps=max(self.car.limit_mps(self.connection.limit_mps), _LEAST_MPS),
-            length_m=self.zone.body_m,
-            width_m=self.zone.width_m,
+            initial_speed_mps=max(self.car.limit_mps(self.at.connection.limit_mps), _LEAST_MPS),
+            length_m=self.at.zone.body_m,
+            width_m=self.at.zone.width_m,
             trigger_range_m=range_m,
         )
 
     def end(self, why: str) -> None:
         """End with the car's last state."""
         car, self.ended = self.car, why
-        self.xs_m = np.array(car.odometers_m[self.first :]) - self.centre_m
+        self.xs_m = np.array(car.odometers_m[self.first :]) - self.at.centre_m
         self.speeds_mps = np.array(car.speeds_mps[self.first :])
         if self.strategy is None:
             self.limited = (0,) * len(LIMITED_BY)
@@ -220,6 +231,10 @@ class Passage:
             self.strategy = None
 
     def move_to(self, other: "Passage") -> None:
-        """Go on, and be measured, on the connection of a lane to which the vehicle changed."""
-        self.connection, self.zone, self.stop_m = other.connection, other.zone, other.stop_m
-        self._place()
+        """Go on, and be measured, on the connection of a lane to which the vehicle changed.
+
+        v0 and R0 stay.
+        """
+        self.at, zone = other.at, other.at.zone
+        if self.begun:
+            self.vehicle = replace(self.vehicle, length_m=zone.body_m, width_m=zone.width_m)

@@ -55,7 +55,7 @@ class Control:
             car.actuator = Actuator(car.vehicle, self._step_s, car.speed_mps, gain_mps2, kept_mps2)
         self._driven[car.name] = car
         self._ignore(car)
-        end_m = max(each.last_m for each in driven)
+        end_m = max(each.at.last_m for each in driven)
         ahead = (each for each in car.links if car.odometer_m < each.end_m)
         yields = any(each.yields and each.begin_m < end_m for each in ahead)
         if yields != car.yields:
@@ -65,12 +65,12 @@ class Control:
     def ignore_at(self, crosswalk: Crosswalk) -> None:
         """Let SUMO not mind those who are at a crosswalk now."""
         for car in self._driven.values():
-            if any(each.crosswalk is crosswalk for each in car.passages):
+            if any(each.at.crosswalk is crosswalk for each in car.passages):
                 self._ignore(car)
 
     def _ignore(self, car: Car) -> None:
         """Let SUMO not mind those who are at the crosswalks for which a strategy decides."""
-        driven = (each.crosswalk.id for each in car.passages if each.strategy is not None)
+        driven = (each.at.crosswalk.id for each in car.passages if each.strategy is not None)
         self._session.ignore(car.name, [name for at in driven for name in self._people[at].names()])
 
     def release(self, car: Car, *, exists: bool = True) -> None:
@@ -91,7 +91,7 @@ class Control:
                     try:
                         lowest = min(lowest, self._decision(passage, strategy, driver))
                     except StrategyError as error:
-                        where = f"vehicle {car.name} at {passage.crosswalk.id}, {now_s:.3f} s"
+                        where = f"vehicle {car.name} at {passage.at.crosswalk.id}, {now_s:.3f} s"
                         raise error.at(where) from error
             wish_mps = max(0.0, car.speed_mps + lowest * self._step_s)
             assert car.actuator is not None
@@ -128,7 +128,7 @@ class Control:
     def _decision(self, passage: Passage, strategy: Strategy, driver: Driver) -> float:
         """The acceleration that a strategy commands."""
         car = passage.car
-        range_m = passage.centre_m - car.odometer_m
+        range_m = passage.at.centre_m - car.odometer_m
         time_s = (len(car.speeds_mps) - 1 - passage.first) * self._step_s
         seen = driver.observe(time_s, range_m, car.speed_mps, car.acceleration_mps2)
         return driver.command(answer_of(strategy, seen), time_s)

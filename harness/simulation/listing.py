@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from harness.core.errors import Parameter
+from harness.engine.arm_files import Counts, entering
 from harness.engine.configuration import people_in, read_config
-from harness.engine.outputs import Counts, entering
 from harness.engine.session import lane_of
 from harness.scenario.sections import EgoSection
 from harness.simulation.opening import chosen, town_of

@@ -41,8 +41,7 @@ def opened_traffic(scenario: Scenario, pair: int, folder: Path) -> Setup:
     """The simulation of a pair of ``[traffic]``, whose files are written into a folder."""
     traffic = scenario.known_traffic
     seed = sumo_seed(scenario.experiment.seed, DEFAULT_SEED, pair)
-    due = vehicles_due(scenario, pair)
-    config = write_traffic(scenario, due, seed, end_s(traffic), folder)
+    config = write_traffic(scenario, vehicles_due(scenario, pair), seed, end_s(traffic), folder)
     simulation = SimulationSection(
         file=str(config.path),
         crossings=(CROSSWALK,),

@@ -77,8 +77,8 @@ class OwnPeople:
         begun, others = (defaultdict[str, list[Passage]](list) for _ in range(2))
         for car in self._cars.values():
             for each in car.passages:
-                if each.crosswalk is self._crosswalk:
-                    (begun if each.begun else others)[each.connection.id].append(each)
+                if each.at.crosswalk is self._crosswalk:
+                    (begun if each.begun else others)[each.at.connection.id].append(each)
         for name, lane in self._lanes.items():
             in_order = sorted(begun[name], key=lambda each: -each.x_m)
             lane.coming = [*in_order, *self._next(others[name])]

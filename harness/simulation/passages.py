@@ -59,16 +59,16 @@ def passages(
         end_s = each.begin_s + (len(each.xs_m) - 1) * step_s
         here = [
             person
-            for person in people[each.crosswalk.id]
+            for person in people[each.at.crosswalk.id]
             if person.walk.arrival.arrival_s < end_s and person.until_s > each.begin_s
         ]
         trace, walkers = _trace(each, here, step_s, motion)
         ids.append({person.walk.arrival.index: person.id for person in here})
         traces.append(trace)
-        path = town.path(each.connection)
+        path = town.path(each.at.connection)
         strikes.append(strike_of(trace, each, path, walkers))
     records = _records(traces, strikes)
-    free_s = [free_pass_s(each, town.path(each.connection)) for each in simulated]
+    free_s = [free_pass_s(each, town.path(each.at.connection)) for each in simulated]
     return [*map(_row, simulated, traces, records, ids, free_s)]
 
 
@@ -85,11 +85,11 @@ def _row(
     if record.pass_time_s is not None:
         values["delay_s"] = float(beyond(record.pass_time_s, free_s))
     return {
-        "crosswalk": passage.crosswalk.id,
+        "crosswalk": passage.at.crosswalk.id,
         "vehicle": car.name,
         "type": car.type_id,
-        "connection": passage.connection.id,
-        "manoeuvre": passage.connection.manoeuvre,
+        "connection": passage.at.connection.id,
+        "manoeuvre": passage.at.connection.manoeuvre,
         "automated": car.automated,
         "driver": passage.driver,
         "driven": passage.not_driven is None,
@@ -117,7 +117,7 @@ def _trace(
     passage: Passage, people: Sequence[Walked], step_s: float, motion: StepMotion
 ) -> tuple[Trace, list[Walked]]:
     """The trace of a passage, and those of the people in it who stepped off."""
-    begin_s, zone = passage.begin_s, passage.zone
+    begin_s, zone = passage.begin_s, passage.at.zone
     base = Trace(
         vehicle=passage.vehicle,
         crossing=passage.crossing,
@@ -136,7 +136,7 @@ def _trace(
     walkers: list[Walked] = []
     for each in people:
         far_m = zone.crossing.length_m if zone.reverse else None
-        leads_left = zone.reverse == passage.crosswalk.left_hand
+        leads_left = zone.reverse == passage.at.crosswalk.left_hand
         walk = moved(each.walk, begin_s, step_s, far_m, leads_left=leads_left)
         start_s = walk.start_s
         if start_s is not None and start_s >= length_s:
@@ -166,7 +166,7 @@ def strike_of(
     length_m, width_m = passage.car.vehicle.length_m, passage.car.vehicle.width_m
     half_m = trace.crossing.width_m / 2
     # A rear that cuts a corner leaves later than a straight body would.
-    leaves_m = max(half_m + length_m, passage.zone.last_m - passage.zone.centre_m)
+    leaves_m = max(half_m + length_m, passage.at.zone.last_m - passage.at.zone.centre_m)
     ends_m = (-half_m - _NEAR_M, leaves_m + _NEAR_M)
     low, high = np.searchsorted(trace.x_m, ends_m).tolist()
     low, high = max(low - 1, 0), min(high, len(trace.x_m) - 1)
@@ -176,9 +176,9 @@ def strike_of(
     time_s = np.linspace(low, high, count + 1) * trace.step_s
     strikes: list[Strike] = []
     for number, each in enumerate(walkers):
-        places = each.places(passage.begin_s + time_s, passage.crosswalk)
+        places = each.places(passage.begin_s + time_s, passage.at.crosswalk)
         on = np.flatnonzero(np.isfinite(places))
-        s = passage.zone.centre_m + ego_positions(trace, time_s[on])
+        s = passage.at.zone.centre_m + ego_positions(trace, time_s[on])
         right, left, rear = (path.outline(s, length_m, width_m) @ [1, 1j])[:, :3].T
         # Ahead of the front and to its left; then, the distance from the outline, 0 inside.
         off = (places[on] - (right + left) / 2) * length_m / (left - rear)
@@ -212,7 +212,7 @@ def _records(traces: Sequence[Trace], strikes: Sequence[Strike | None]) -> list[
 
 def free_pass_s(passage: Passage, path: FrontPath) -> float:
     """The time of a free passage from R0 until the rear has left, at the limits of its lanes."""
-    vehicle, zone = passage.vehicle, passage.zone
+    vehicle, zone = passage.vehicle, passage.at.zone
     begin_m = zone.centre_m - vehicle.trigger_range_m
     accelerations = vehicle.max_acceleration_mps2, vehicle.max_deceleration_mps2
     return path.free_drive_s(begin_m, zone.last_m, *accelerations, passage.car.limit_mps)

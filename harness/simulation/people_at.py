@@ -92,7 +92,7 @@ class PeopleAt:
             self._views.clear()
         if not self._now:
             return ()
-        key = id(passage.zone)
+        key = id(passage.at.zone)
         if key not in self._views:
             self._views[key] = tuple(_turned(view, passage) for view in self._now)
         return self._views[key]
@@ -103,7 +103,7 @@ class PeopleAt:
         The function is given whether the vehicle is within the detection range.  The random streams
         are keyed by the ids of vehicle, crosswalk and person.
         """
-        keys = number_of(passage.car.name), number_of(passage.crosswalk.id)
+        keys = number_of(passage.car.name), number_of(passage.at.crosswalk.id)
         updates = Updates(
             sensor, lambda index: track_from(sensor, pair, keys, number_of(self.id_of(index)))
         )
@@ -142,6 +142,6 @@ class PeopleAt:
 
 def _turned(view: PedestrianView, passage: Passage) -> PedestrianView:
     """A view in the axis's frame, as the driver of a passage sees it."""
-    side, crossing = view.side.other if passage.zone.reverse else view.side, passage.crossing
+    side, crossing = view.side.other if passage.at.zone.reverse else view.side, passage.crossing
     to_lane_m = crossing.to_lane_m(side) - (crossing.length_m - view.remaining_m)
     return quick_tuple(PedestrianView, (view.index, side, to_lane_m, *view[3:]))

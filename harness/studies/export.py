@@ -30,10 +30,9 @@ from harness.core.vocabulary import (
     Side,
     Walk,
 )
-from harness.engine.arm_configuration import CONFIG_FILE
+from harness.engine.arm_files import CONFIG_FILE, Seen, seen_in
 from harness.engine.configuration import read_config
 from harness.engine.network import network_of, opendrive
-from harness.engine.outputs import Seen, seen_in
 from harness.engine.session import vehicle_types
 from harness.measures.motion.walking import cleared_s, states_at
 from harness.results.loaded_run import Run

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from harness.core.vocabulary import Arm
-from harness.engine.arm_configuration import CONFIG_FILE, STATES_FILE, TRIPS_FILE, write_config
+from harness.engine.arm_files import CONFIG_FILE, STATES_FILE, TRIPS_FILE, write_config
 from harness.engine.configuration import read_config
 from harness.engine.installation import program
 from harness.engine.shared import close_engine
@@ -164,10 +164,8 @@ def test_people_of_the_harness(tmp_path: Path) -> None:
     The reference asks the model on roads of 13.9 m/s, beyond its data of up to 8 m/s: it counts.
     """
     config = grid(tmp_path / "town", END_S)
-    people = {**PEOPLE, "flow_per_hour": 900.0}
-    setup = setup_at(
-        config, crosswalks=1, human="human_gmm", simulation={"av_share": 0.5}, pedestrians=people
-    )
+    people, share = {**PEOPLE, "flow_per_hour": 900.0}, {"av_share": 0.5}
+    setup = setup_at(config, crosswalks=1, human="human_gmm", simulation=share, pedestrians=people)
     outcome = run(setup, tmp_path / "arm")
     passed, everybody = outcome["passages"], outcome["people"]
     assert passed["driven"].all()

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, strategies as some
 
 from harness.core.seeding import SUMO_SEEDS_APART, stream, sumo_seed
-from harness.simulation.arm import SimulatedArm
+from harness.simulation.traffic_counts import TrafficCounts
 
 
 def is_automated(key: bytes, name: str, share: float, kind: str = "passenger") -> bool:
     cars = SimpleNamespace(av_share=share, av_types=("passenger",))
-    arm: Any = SimpleNamespace(setup=SimpleNamespace(simulation=cars), _classes={}, _key=key)
-    return SimulatedArm.is_automated(arm, name, kind)
+    counts: Any = SimpleNamespace(_setup=SimpleNamespace(simulation=cars), _classes={}, _key=key)
+    return TrafficCounts.is_automated(counts, name, kind)
 
 
 @given(some.binary(min_size=32, max_size=32), some.text(), some.floats(0, 1), some.floats(0, 1))

@@ -13,20 +13,11 @@ from hypothesis import given, settings, strategies as some
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
-from harness.core.vocabulary import (
-    Arm,
-    Arrival,
-    Ending,
-    Leg,
-    Side,
-    Trace,
-    Vehicle,
-    Walk,
-)
+from harness.core.vocabulary import Arm, Arrival, Ending, Leg, Side, Trace, Vehicle, Walk
 from harness.measures import measure
 from harness.measures.ego import ego_positions
 from harness.simulation.arm import SimulatedArm
-from harness.simulation.cars import PASSED, Car, Passage
+from harness.simulation.cars import PASSED, Car, Meeting, Passage
 from harness.simulation.passages import free_pass_s, passages, strike_of
 from harness.simulation.walk import Walked, moved
 from harness.site.path import FrontPath, Lane
@@ -58,7 +49,7 @@ def passage(path: FrontPath, walked: Crosswalk | None = None) -> Passage:
     walked = walked or crosswalk()
     zone = zone_of(path, walked, CAR.length_m, CAR.width_m)
     car = Car("car", "type", automated=True, vehicle=CAR, speed_factor=1.0, max_mps=50.0)
-    return Passage(car, walked, CONNECTION, zone, 100.0, CAR)
+    return Passage(car, Meeting.of(walked, CONNECTION, zone, 100.0), CAR)
 
 
 def turning(radius_m: float, degrees: float) -> FrontPath:
@@ -152,7 +143,7 @@ def test_the_rear_of_a_turning_body() -> None:
     beyond.xs_m, beyond.speeds_mps = each.xs_m[30:], each.speeds_mps[30:]
     town: Any = SimpleNamespace(path=lambda _: path)
     them = [each, late, beyond]
-    found, alone, inside = passages(them, {each.crosswalk.id: []}, town, STEP_S, "euler")
+    found, alone, inside = passages(them, {each.at.crosswalk.id: []}, town, STEP_S, "euler")
     # Where a vehicle came onto the road beyond the edge, its front never reached it.
     assert (inside["front_s"], inside["rear_s"] is None) == (None, False)
     # A passage that began when the simulation ended has a row: it did not end.
@@ -170,7 +161,7 @@ def test_who_stands_where_a_turning_vehicle_comes_back_is_hit() -> None:
     # They stand in the middle of the lane on which it comes back, 12 m from the axis's begin.
     walk = Walk(Arrival(0, 20.0, Side.NEAR, 0.5), 20.0, 0.1, legs=(Leg(20.0, 0, 12.0, 0, 0, 0),))
     person, town = Walked("p", True, walk, None, math.inf), SimpleNamespace(path=lambda _: path)
-    (row,) = passages([each], {each.crosswalk.id: [person]}, cast(Any, town), STEP_S, "euler")
+    (row,) = passages([each], {each.at.crosswalk.id: [person]}, cast(Any, town), STEP_S, "euler")
     assert (row["contact"], row["contact_person"]) == ("front", "p")
 
 
@@ -184,15 +175,25 @@ def test_who_departs_just_behind_r0_begins_there(
     """A vehicle that was at R0 within the last step has come from there; another has departed."""
     each = passage(straight())
     each.car.automated = False
-    each.car.odometer_m, each.car.speed_mps = each.centre_m - 30.0 + over_m, speed_mps
+    each.car.odometer_m, each.car.speed_mps = each.at.centre_m - 30.0 + over_m, speed_mps
     scenario, config = SimpleNamespace(ego=CAR), SimpleNamespace(ballistic=False)
     setup = SimpleNamespace(scenario=scenario, config=config, own_people=False)
-    people = {each.crosswalk.id: SimpleNamespace(watched=0)}
+    people = {each.at.crosswalk.id: SimpleNamespace(watched=0)}
     arm: Any = SimpleNamespace(setup=setup, session=SimpleNamespace(step_s=STEP_S), people=people)
     arm._begun, arm._arm, arm.passages = {}, Arm.AV, []
     SimulatedArm._begin(arm, each, 20.0)
     assert each.vehicle.trigger_range_m == pytest.approx(range_m)
     assert each.trace_offset_s == pytest.approx(offset_s)
+
+
+def test_a_change_of_lane_within_r0() -> None:
+    """The straight frame's body becomes that of the other lane's zone; v0 and R0 stay."""
+    each = passage(straight())
+    each.car.note(70.0, 10.0)
+    each.begin(0.0, 30.0)
+    before, zone = each.vehicle, replace(each.at.zone, last_m=20.0, width_m=2.5)
+    each.move_to(Passage(each.car, each.at._replace(zone=zone), CAR))
+    assert each.vehicle == replace(before, length_m=zone.body_m, width_m=2.5)
 
 
 def test_free_passage_through_a_curve() -> None:

@@ -34,9 +34,6 @@ TOLERANCE = 1e-6
 RECORDS = ("episodes", "pedestrians")
 """The tables of encounters that are compared; of simulations all are."""
 
-_DELAY_S = 0.1
-"""Time between two steps of a simulation that is shown."""
-
 _MOST_DIFFERENCES = 3
 """Differences of a replay from its record that are printed."""
 
@@ -147,8 +144,7 @@ def watch(run: Run, cell: int, pairs: range, arms: Sequence[Arm]) -> list[Replay
     if run.kind == "simulations":
         from harness.studies.running.simulations import simulate_task
 
-        options = window_options(_DELAY_S)
-        shown = (simulate_task(task, module="gui", more=options) for task in tasks)
+        shown = (simulate_task(task, module="gui", more=window_options()) for task in tasks)
         return [replayed(run, task, rows) for task, rows in zip(tasks, shown, strict=True)]
     found = []
     for task in tasks:

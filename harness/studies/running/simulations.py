@@ -9,7 +9,7 @@ import pyarrow as pa
 
 from harness.core.vocabulary import Arm
 from harness.encounter.arms import arm_key, check_arms
-from harness.engine.arm_configuration import check_routes
+from harness.engine.arm_files import check_routes
 from harness.engine.installation import scratch_folder
 from harness.engine.session import Module
 from harness.engine.shared import close_engine
