@@ -119,6 +119,7 @@ def is_inside_junction(lane: str) -> bool:
 
 _Functions = TypeVar("_Functions", Vehicles, People)
 _Ids = Callable[[], Sequence[str]]
+_IdsOn = Callable[[str], Sequence[str]]
 
 
 class Session:
@@ -161,10 +162,8 @@ class Session:
         self._now = self._function("simulation", "getTime")
         self.vehicles = self._functions("vehicle", Vehicles)
         self.people = self._functions("person", People)
-        self.vehicles_on: Callable[[str], Sequence[str]]
-        self.vehicles_on = self._function("edge", "getLastStepVehicleIDs")
-        self.people_on: Callable[[str], Sequence[str]]
-        self.people_on = self._function("edge", "getLastStepPersonIDs")
+        self.vehicles_on: _IdsOn = self._function("edge", "getLastStepVehicleIDs")
+        self.people_on: _IdsOn = self._function("edge", "getLastStepPersonIDs")
         self.move_person = _mover(self._function("person", "moveToXY"))
         self.lane_length_m: Callable[[str], float] = self._function("lane", "getLength")
         self._leader = self._function("vehicle", "getLeader")

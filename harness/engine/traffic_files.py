@@ -18,10 +18,9 @@ from harness.scenario import Scenario
 
 NET_FILE, ROUTES_FILE, TRAFFIC_FILE = "road.net.xml", "vehicles.rou.xml", "traffic.sumocfg"
 
-CAR_TYPE = "car"
-"""The vehicles' type."""
-ONCOMING_TYPE = "oncoming_car"
-"""The type of oncoming vehicles on a road with a grade, whose sign is the other one for them."""
+CAR_TYPE, ONCOMING_TYPE = "car", "oncoming_car"
+"""The types of vehicles.  Oncoming ones have their own on a road with a grade, whose sign is the
+other one for them."""
 
 _DIRECTIONS = ("", "oncoming_")
 """How the names of the edges of a direction begin, by its number."""

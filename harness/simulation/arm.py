@@ -94,7 +94,11 @@ class SimulatedArm:
             time_s = session.step()
             self.times_s.append(time_s)
             steps, departed = len(self.times_s), session.departed()
-            self._events(time_s, departed)
+            self.traffic.note(time_s, departed)
+            for name in session.arrived():
+                self._drop(self._cars.get(name), "it arrived on its way")
+            for name in session.teleported():
+                self._drop(self._cars.get(name), "SUMO teleported it", exists=True)
             due = self._read()
             for own in self._owns:
                 own.end_step()
@@ -123,14 +127,6 @@ class SimulatedArm:
             if people.changed:
                 people.changed = False
                 self._control.ignore_at(people.crosswalk)
-
-    def _events(self, time_s: float, departed: Sequence[str]) -> None:
-        """Count what SUMO reports of a step, and leave the vehicles alone that left or jumped."""
-        self.traffic.note(time_s, departed)
-        for name in self.session.arrived():
-            self._drop(self._cars.get(name), "it arrived on its way")
-        for name in self.session.teleported():
-            self._drop(self._cars.get(name), "SUMO teleported it", exists=True)
 
     def _read(self) -> list[Car]:
         """Read all vehicles that have begun a passage, at the step's end.
