@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from harness.core.documents import parse_json
 from harness.core.errors import InputError, Parameter, unknown_name
 from harness.core.freezing import Frozen, frozen
-from harness.core.vocabulary import FloatArray
+from harness.core.vocabulary import FloatArray, IntArray
 from harness.model.interaction import INVERSE_RANGE, PEDESTRIAN_SPEED, VARIABLES
 from harness.model.mixture.normals import effective
 from harness.model.trajectories.extraction import ENCOUNTER_KEY, EXTRACTION_KEY, VEHICLE_KEY
@@ -70,9 +70,9 @@ class Sample(Frozen):
 
     data: FloatArray
     weights: FloatArray
-    row: np.ndarray
-    vehicle: np.ndarray | None
-    encounter: np.ndarray | None
+    row: IntArray
+    vehicle: IntArray | None
+    encounter: IntArray | None
     named_vehicles: int | None
     lower: FloatArray
     upper: FloatArray
@@ -256,7 +256,7 @@ def row_weights(rows: pd.DataFrame, weigh: str) -> FloatArray:
     return np.asarray(per_encounter * factor)
 
 
-def independent_vehicles(rows: pd.DataFrame) -> np.ndarray | None:
+def independent_vehicles(rows: pd.DataFrame) -> IntArray | None:
     """The index of each row's vehicle, (n,); None if a row does not identify its vehicle.
 
     Vehicles that share a row or a track's fingerprint are one vehicle.  Otherwise the same vehicle
@@ -276,7 +276,7 @@ def independent_vehicles(rows: pd.DataFrame) -> np.ndarray | None:
     return np.asarray(pd.factorize(group[named])[0])
 
 
-def effective_number(item: np.ndarray | None, weights: FloatArray) -> float | None:
+def effective_number(item: IntArray | None, weights: FloatArray) -> float | None:
     """Kish's effective number of items, (Σw)² / Σw² over the items' weights; None if unknown.
 
     Args:
@@ -302,7 +302,7 @@ def _variables(rows: pd.DataFrame) -> FloatArray:
     return values
 
 
-def _codes(rows: pd.DataFrame, key: Sequence[str]) -> np.ndarray | None:
+def _codes(rows: pd.DataFrame, key: Sequence[str]) -> IntArray | None:
     """Each row's group by first appearance, (n,); None if an identifier is missing."""
     if not all(name in rows for name in key) or rows[list(key)].isna().any(axis=None):
         return None

@@ -19,7 +19,7 @@ from matplotlib.transforms import ScaledTranslation
 from numpy.typing import ArrayLike
 from scipy import special
 
-from harness.core.vocabulary import Arm, FloatArray
+from harness.core.vocabulary import Arm, FloatArray, IntArray
 from harness.report import style
 from harness.report.style import ARM_LOOKS, AV, SERIES, figure_text, finish
 from harness.report.words import counted, level_text
@@ -386,7 +386,7 @@ def _edges(values: FloatArray) -> tuple[FloatArray, int]:
     return edges, int(np.count_nonzero(values > edges[-1]))
 
 
-def _cut_spike(axes: Axes, edges: FloatArray, counts: np.ndarray) -> None:
+def _cut_spike(axes: Axes, edges: FloatArray, counts: IntArray) -> None:
     """Cut and label a bar that is many times the next one, such as τ = 1 if nobody was met."""
     highest, second = np.sort(counts)[::-1][:2]
     if second == 0 or highest <= 4 * second:

@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from harness.core.vocabulary import LIMITED_BY
+from harness.core.vocabulary import LIMITED_BY, BoolArray, FloatArray
 from harness.results import estimators, student
 from harness.results.columns import AV, REFERENCE, Sample
 from harness.results.estimators import Sampling
@@ -127,39 +127,39 @@ class Entry:
         return finding.reliable_above(self.reliable_from, "informative pairs")
 
 
-def _average(values: np.ndarray, weights: np.ndarray, _: Sampling) -> Finding:
+def _average(values: FloatArray, weights: FloatArray, _: Sampling) -> Finding:
     """Σ values / Σ weights of the defined values with a weight above 0, without an interval."""
     counting = (weights > 0) & ~np.isnan(values)
     whole = float(np.sum(weights[counting]))
     return Finding(float(np.sum(values[counting])) / whole if whole else None)
 
 
-def _arms_ratio(times_s: np.ndarray, sampling: Sampling) -> Finding:
+def _arms_ratio(times_s: FloatArray, sampling: Sampling) -> Finding:
     return estimators.ratio(times_s[AV], times_s[REFERENCE], sampling)
 
 
-def _p95(values: np.ndarray, ran: np.ndarray, sampling: Sampling) -> Finding:
+def _p95(values: FloatArray, ran: BoolArray, sampling: Sampling) -> Finding:
     return estimators.quantile(values[ran], 0.95, sampling.confidence)
 
 
-def _largest(values: np.ndarray, _: Sampling) -> Finding:
+def _largest(values: FloatArray, _: Sampling) -> Finding:
     return estimators.quantile(values, 1.0, confidence=0.0)
 
 
-def _count(values: np.ndarray, _: Sampling) -> Finding:
+def _count(values: FloatArray, _: Sampling) -> Finding:
     if np.isnan(values).all():
         return Finding(None, reason="a simulation of every pair failed")
     return Finding(int(np.nansum(values)))
 
 
-def _t_mean(values: np.ndarray, sampling: Sampling) -> Finding:
+def _t_mean(values: FloatArray, sampling: Sampling) -> Finding:
     """The mean of an arm's values, none of which is negative, or of the arms' differences."""
     if values.ndim == 1:
         return student.t_mean(values, sampling.confidence, least=0.0)
     return student.t_mean(np.subtract(*values), sampling.confidence)
 
 
-def _t_share(events: np.ndarray, trials: np.ndarray, sampling: Sampling) -> Finding:
+def _t_share(events: FloatArray, trials: FloatArray, sampling: Sampling) -> Finding:
     """An arm's share of events among trials, or the difference of the arms' shares."""
     if events.ndim == 1:
         return student.clustered_share(events, trials, sampling.confidence)

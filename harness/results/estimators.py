@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import special
 
-from harness.core.vocabulary import FloatArray
+from harness.core.vocabulary import BoolArray, FloatArray
 from harness.results.finding import Finding
 
 CONFIDENCE = 0.95
@@ -119,7 +119,7 @@ def ratio(numerators: FloatArray, denominators: FloatArray, sampling: Sampling) 
     return _of_means(both, lambda means: means[0] / means[1], residuals, sampling)
 
 
-def share(marked: np.ndarray, trials: np.ndarray, sampling: Sampling) -> Finding:
+def share(marked: BoolArray, trials: BoolArray, sampling: Sampling) -> Finding:
     """The share of marked trials with its exact interval.
 
     Args:
@@ -205,7 +205,7 @@ def difference(
     return replace(found, low=low, high=high, n=int(np.count_nonzero(known)), p=p)
 
 
-def share_difference(a: np.ndarray, b: np.ndarray, ran_a: np.ndarray, ran_b: np.ndarray) -> Finding:
+def share_difference(a: BoolArray, b: BoolArray, ran_a: BoolArray, ran_b: BoolArray) -> Finding:
     """The difference of two shares of marked pairs, with McNemar's exact p (1947).
 
     Given b + c discordant pairs, b is binomial with share ½.  ``n`` is the number of trials that

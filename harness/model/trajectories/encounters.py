@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from harness.core.freezing import Frozen, frozen
-from harness.core.vocabulary import ROUNDING, FloatArray
+from harness.core.vocabulary import ROUNDING, BoolArray, FloatArray
 from harness.model.trajectories.rules import ExtractionRules, Tally
 from harness.model.trajectories.tracks import (
     Clip,
@@ -215,7 +215,7 @@ def sampling_instants(first_s: FloatArray, second_s: FloatArray, sample_s: float
 
 def spans_gap(
     time_s: FloatArray, begin_s: FloatArray, end_s: FloatArray, max_gap_s: float
-) -> np.ndarray:
+) -> BoolArray:
     """(n,) bool: whether a recording gap longer than ``max_gap_s`` lies within [begin, end]."""
     gaps_before = np.concatenate([[0], np.cumsum(np.diff(time_s) > max_gap_s)])
     left = np.clip(np.searchsorted(time_s, begin_s, side="right") - 1, 0, None)

@@ -14,7 +14,7 @@ import numpy as np
 from harness.core.errors import HarnessError, InputError, Parameter
 from harness.core.freezing import frozen
 from harness.core.seeding import resampling
-from harness.core.vocabulary import FloatArray
+from harness.core.vocabulary import FloatArray, IntArray
 from harness.model.interaction import DRIVING_GIVEN, PEDESTRIAN_SPEED, VEHICLE_SPEED, WALKING_GIVEN
 from harness.model.mixture.conditional import Conditional
 from harness.model.mixture.distribution import TruncatedGaussianMixture
@@ -154,7 +154,7 @@ def fit(
     folds = 0 if sample.vehicles is None else min(settings.folds, sample.vehicles)
     folds = folds if folds > 1 else 0
     _check(sample, settings, folds)
-    fold_of_row = np.zeros(len(sample.data))
+    fold_of_row = np.zeros(len(sample.data), dtype=np.int64)
     if sample.vehicle is not None and folds:
         fold_of_row = vehicle_folds(sample.vehicle, sample.weights, folds, settings.seed)
     # The slowest first, so that no worker ends late with a long fit.
@@ -248,7 +248,7 @@ def log_scores(mixture: TruncatedGaussianMixture, data: FloatArray, target: str)
     return Conditional(mixture, variable, given).logpdf(data[:, variable], data[:, list(given)])
 
 
-def vehicle_folds(vehicle: np.ndarray, weights: FloatArray, folds: int, seed: int) -> np.ndarray:
+def vehicle_folds(vehicle: IntArray, weights: FloatArray, folds: int, seed: int) -> IntArray:
     """The fold of every row, (n,); all rows of a vehicle are in one fold.
 
     The folds' weights are nearly equal: vehicles are taken by descending weight, and each goes into
