@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,9 @@ UNITS = {
 
 KEY_MODULES = (sections, pedestrians, traffic)
 """The modules with the keys of a scenario."""
+
+CONSTANT = re.compile("``([A-Z_]+)``")
+"""A constant in a docstring."""
 
 TYPES = {"number": "number", "integer": "whole number", "boolean": "`true` or `false`"}
 BOUNDS = {
@@ -173,8 +177,15 @@ def summary_of(section: type[BaseModel]) -> str:
 
 
 def in_markdown(text: str) -> str:
-    """A docstring's text on one line, with code marked as in Markdown."""
-    return " ".join(text.split()).replace("``", "`")
+    """A docstring's text on one line, with code marked as in Markdown and constants by value."""
+    text = CONSTANT.sub(lambda constant: quantity(constant[1]), " ".join(text.split()))
+    return text.replace("``", "`")
+
+
+def quantity(name: str) -> str:
+    """The value of a constant of the modules with the keys, with its unit."""
+    value = next(getattr(module, name) for module in KEY_MODULES if hasattr(module, name))
+    return f"{value:g} {unit_of(name.lower())}"
 
 
 def meanings_of(entry: results_catalogue.Entry) -> Iterator[str]:

@@ -14,14 +14,12 @@ import math
 import re
 
 from harness.core.errors import InputError
-from harness.scenario.sections import MAX_TRIGGER_RANGE_M, CrossingSection
+from harness.scenario.sections import FOOTPATH_M, MAX_TRIGGER_RANGE_M, CrossingSection
 
 APPROACH_M = MAX_TRIGGER_RANGE_M
 """Length of road before the crosswalk's centre line: the largest trigger range of a site."""
 EXIT_M = APPROACH_M
 """Length of road after the crosswalk's centre line: the approach of oncoming vehicles."""
-FOOTPATH_M = 10.0
-"""Length of a footpath, from the kerb to its outer end."""
 NO_LIMIT_MPS = 100
 """The lanes' speed limit, so high that SUMO neither refuses nor changes a speed."""
 CROSSWALK = ":crosswalk_c0"

@@ -101,10 +101,9 @@ def _behaviour(scenario: Scenario) -> str:
 
 def _of_arms(name: str, section: ActuationSection | PerceptionSection) -> str:
     """The keys of a section that are not at their default; empty if all are."""
-    own, default = dict(section), dict(type(section)())
-    both = own.pop("human")
-    parts = [f"{key} {as_written(own[key])}" for key in own if own[key] != default[key]]
-    who = "AV and reference" if both else "AV"
+    keys = section.changed(key for key in type(section).model_fields if key != "human")
+    parts = [f"{key} {as_written(getattr(section, key))}" for key in keys]
+    who = "AV and reference" if section.human else "AV"
     return f"{name} of {who}: {', '.join(parts)}" if parts else ""
 
 

@@ -19,7 +19,7 @@ from harness.measures import EpisodeRecord, has_contact, measure
 from harness.model.interaction import load_model
 from harness.scenario import EngineName, Scenario
 from harness.scenario.arguments import engine_named, whole_number
-from harness.scenario.file import scenario_of_encounters
+from harness.scenario.file import checked, scenario_of_encounters
 from harness.strategies.manoeuvres import half_path_width_m
 from harness.strategies.vector import acceleration_of, observation_vector
 
@@ -103,6 +103,8 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
     ) -> None:
         self._nearest, self._reward = whole_number("nearest", nearest, 1), reward
         self._kind, self.render_mode = engine_named(engine), render_mode
+        if render_mode not in (None, *(modes := self.metadata["render_modes"])):
+            raise unknown_name("render_mode", "mode", str(render_mode), modes)
         self._scenario = scenario_of_encounters(scenario, settings)
         self._model = load_model(self._scenario.model.name, self._scenario.model.path)
         self._runner: PairRunner | None = None
@@ -111,8 +113,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         self._steps: Steps | None = None
         self._finished: Trace | None = None
         self._seen: Observation | None = None
-        step_s = self._scenario.experiment.step_s
-        self.metadata = {**self.metadata, "render_fps": round(1 / step_s)}
+        self.metadata = {**self.metadata, "render_fps": round(1 / self._scenario.experiment.step_s)}
         low, high = _bounds(self._scenario, self._nearest)
         self.observation_space = gymnasium.spaces.Box(low, high, dtype=np.float32)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (1,), np.float32)
@@ -124,8 +125,8 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
 
         Raises:
             EngineError: SUMO does not start.
-            InputError: an option is unknown, the seed or the pair is not a whole number, the pair
-                is beyond ``pedestrians.drawn``, or another environment drives in SUMO.
+            InputError: an option is unknown, the seed or the pair is not an allowed whole number,
+                the pair is beyond ``pedestrians.drawn``, or another environment drives in SUMO.
         """
         options = options or {}
         if unknown := sorted(map(str, options.keys() - {"pair"})):
@@ -133,7 +134,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         if seed is not None:
             seed = whole_number("seed", seed, 0)
             experiment = self._scenario.experiment.model_copy(update={"seed": seed})
-            self._scenario = self._scenario.model_copy(update={"experiment": experiment})
+            self._scenario = checked(self._scenario.model_copy(update={"experiment": experiment}))
             self._runner, self._next_pair = None, 0
         pair = whole_number("options['pair']", options.get("pair", self._next_pair), 0)
         super().reset(seed=seed)
@@ -200,10 +201,9 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
             raise InputError("render", "there is nothing to draw yet", "after reset")
         from harness.report.top_view import top_view
 
-        vehicle, crossing = self._seen.vehicle, self._seen.crossing
-        views = self._episode.crowd.views()
-        people_y_m = [crossing.place_of(view.side, view.remaining_m) for view in views]
-        return top_view(vehicle, crossing, self._episode.x_m[-1], people_y_m)
+        crossing, crowd = self._seen.crossing, self._episode.crowd
+        people_y_m = [crossing.place_of(view.side, view.remaining_m) for view in crowd.views()]
+        return top_view(self._seen.vehicle, crossing, self._episode.x_m[-1], people_y_m)
 
     def close(self) -> None:
         """End the running episode and SUMO in this process, unless another environment uses it."""

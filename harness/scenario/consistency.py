@@ -1,8 +1,7 @@
 """A scenario in; the refusal of keys that contradict each other, or have no effect, out.
 
 Every function raises ``InputError`` at the dotted key to change; ``validate`` says which file or
-option gave it.  The keys that ``[simulation]`` accepts are listed here: a key of ``[ego]`` that it
-accepts has to be added to them.
+option gave it.  What the checks have to know of a single key is a ``Mark`` in its annotation.
 """
 
 import math
@@ -20,7 +19,7 @@ from harness.core.vocabulary import (
 )
 from harness.scenario.pedestrians import PedestriansSection
 from harness.scenario.scenario import Scenario, path_of
-from harness.scenario.sections import Section
+from harness.scenario.sections import BEFORE_CROSSWALK_M, MAX_BEFORE_KERB_M, Mark, Section, marked
 from harness.scenario.traffic import TrafficSection
 
 SUMO_DRIVER = "sumo_driver"
@@ -28,24 +27,11 @@ SUMO_DRIVER = "sumo_driver"
 PROGRAM = "exec:"
 """How the name of a strategy in another process begins."""
 
-_OF_A_CONFIGURATION = {
-    "crossing": ((), "whose network defines it"),
-    "ego": (
-        ("trigger_range_m", "detection_range_m", "resume_acceleration_mps2"),
-        "whose vehicle types define it",
-    ),
-    "experiment": (("pairs", "seed", "decide_limit_s"), "whose times are its own"),
-}
-"""Sections that a SUMO configuration defines, but for some keys, and why."""
-
-_NEED_A_TRIGGER = ("drawn", "first_at_trigger", "timed", "timed_case", "warm_up_s")
-"""Keys of ``[pedestrians]`` that need an encounter."""
+_OF_A_CONFIGURATION = {"crossing": "network", "ego": "vehicle types", "experiment": "times"}
+"""Sections that a SUMO configuration defines, but for keys with a mark, and by what."""
 
 _STEP_ROUNDING = 1e-6
 """A time is a whole number of steps up to this part of a step."""
-
-MAX_BEFORE_KERB_M = 8.0
-"""Greatest distance from a timed pedestrian's start to their kerb; a footpath is 10 m long."""
 
 
 def check_consistency(scenario: Scenario) -> None:
@@ -57,7 +43,7 @@ def check_consistency(scenario: Scenario) -> None:
         if each_s is not None and abs(each_s * 1000 - round(each_s * 1000)) > ROUNDING:
             raise InputError(key, f"{each_s!r} s", "whole milliseconds, SUMO's resolution")
     if scenario.kind == "simulations":
-        for key in _changed(scenario.pedestrians, PedestriansSection(), _NEED_A_TRIGGER):
+        for key in scenario.pedestrians.changed(marked(PedestriansSection, Mark.TRIGGERED)):
             problem = "is not supported in simulations: no vehicle has a trigger"
             raise InputError(f"pedestrians.{key}", problem, "none")
         if (pairs := scenario.experiment.pairs) > SUMO_SEEDS_APART:
@@ -71,11 +57,10 @@ def check_consistency(scenario: Scenario) -> None:
         missing = "latitude_deg" if crossing.latitude_deg is None else "longitude_deg"
         raise InputError(f"crossing.{missing}", "is not given", "both or neither")
     _check_lanes(scenario)
-    # SUMO's approach lane ends 1.5 m before the crosswalk: the ego cannot be inserted beyond it.
-    nearest = crossing.width_m / 2 + 1.5
+    nearest = crossing.width_m / 2 + BEFORE_CROSSWALK_M
     if ego.trigger_range_m < nearest:
         problem = f"{ego.trigger_range_m:g} m is on or too close to the crosswalk"
-        allowed = f"at least crossing.width_m / 2 + 1.5 = {nearest:g} m"
+        allowed = f"at least crossing.width_m / 2 + {BEFORE_CROSSWALK_M:g} = {nearest:g} m"
         raise InputError("ego.trigger_range_m", problem, allowed)
     _check_pedestrians(scenario)
     check_steps("experiment.timeout_s", scenario.experiment.timeout_s, step_s, 1)
@@ -92,11 +77,6 @@ def check_consistency(scenario: Scenario) -> None:
         raise InputError("experiment.timeout_s", problem, allowed)
 
 
-def _changed(section: Section, default: Section, names: tuple[str, ...]) -> list[str]:
-    """The keys of these names whose value is not the default."""
-    return [name for name in names if getattr(section, name) != getattr(default, name)]
-
-
 def check_steps(key: str, time_s: float, step_s: float, fewest: int = 0) -> None:
     """Refuse a time that is not a whole number of steps or is shorter than ``fewest`` steps.
 
@@ -111,10 +91,9 @@ def check_steps(key: str, time_s: float, step_s: float, fewest: int = 0) -> None
 
 def check_perception(scenario: Scenario) -> None:
     """Refuse times of perception that are not whole steps."""
-    perception, step_s = scenario.perception, scenario.experiment.step_s
-    check_steps("perception.latency_s", perception.latency_s, step_s)
-    if perception.update_s is not None:
-        check_steps("perception.update_s", perception.update_s, step_s, 1)
+    for key, fewest in (("latency_s", 0), ("update_s", 1)):
+        if (time_s := getattr(scenario.perception, key)) is not None:
+            check_steps(f"perception.{key}", time_s, scenario.experiment.step_s, fewest)
 
 
 def _check_lanes(scenario: Scenario) -> None:
@@ -206,11 +185,11 @@ def _check_simulation(scenario: Scenario) -> None:
     if scenario.traffic is not None:
         problem = "cannot be combined with [simulation], whose demand is the configuration's"
         raise InputError("traffic", problem, "one of the two")
-    for name, (kept, why) in _OF_A_CONFIGURATION.items():
+    for name, what in _OF_A_CONFIGURATION.items():
         section: Section = getattr(scenario, name)
-        others = tuple(sorted({*type(section).model_fields} - {*kept}))
-        for key in _changed(section, type(section)(), others):
-            problem = f"cannot be combined with [simulation], {why}"
+        kept = marked(type(section), Mark.SIMULATED)
+        for key in section.changed(sorted(type(section).model_fields.keys() - kept)):
+            problem = f"cannot be combined with [simulation], which has its own {what}"
             raise InputError(f"{name}.{key}", problem, ", ".join(kept) or "simulation.crossings")
     begin_s, end_s = simulation.begin_s, simulation.end_s
     if begin_s is not None and end_s is not None and end_s <= begin_s:
@@ -252,11 +231,8 @@ def _check_case(case: str | None, scenario: Scenario, key: str) -> None:
 
 def _check_timed(number: int, scenario: Scenario) -> None:
     """Refuse a pedestrian who would start beyond the footpath, in the car or before the trigger."""
-    ego, timed, key = (
-        scenario.ego,
-        scenario.pedestrians.timed[number],
-        f"pedestrians.timed.{number}",
-    )
+    ego, timed = scenario.ego, scenario.pedestrians.timed[number]
+    key = f"pedestrians.timed.{number}"
     to_kerb_m = scenario.crosswalk().to_lane_m(Side(timed.side))
     nearest, farthest = ego.width_m / 2 + PEDESTRIAN_RADIUS_M, to_kerb_m + MAX_BEFORE_KERB_M
     if not nearest < timed.start_lateral_m <= farthest:

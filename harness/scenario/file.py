@@ -1,4 +1,4 @@
-"""Scenario files: TOML in, a checked ``Scenario`` out.
+"""Scenario files: TOML in, a ``Scenario`` out whose keys are checked, alone and together.
 
 Every key has a default and unknown keys are refused, so a file holds only what differs from the
 defaults.  Users name a key by its dotted path (``pedestrians.flow_per_hour``).
@@ -133,7 +133,10 @@ def read_scenario_file(name_or_path: str | Path, settings: Settings = ()) -> Sce
 
 
 def load_scenario(name_or_path: str | Path, settings: Settings = ()) -> Scenario:
-    """The scenario of a file, checked; a sweep of the file is left out.
+    """The scenario of a file, without its sweep: each key is checked, and so are all together.
+
+    Names and parameters of strategies and models are checked where they are loaded: when a run,
+    risk or environment begins.
 
     Args:
         name_or_path: a TOML file, or the name of a shipped scenario.

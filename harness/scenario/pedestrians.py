@@ -10,7 +10,7 @@ from pydantic import Field
 
 from harness.core.seeding import GIVEN_DRAWS, Given, Purpose
 from harness.core.vocabulary import Behaviour
-from harness.scenario.sections import Flow, NonNegative, Positive, Section, Share
+from harness.scenario.sections import Flow, Mark, NonNegative, Positive, Section, Share
 
 SLOWEST_MPS = 0.3
 """Least walking speed that is drawn from ``[pedestrians.walking_speed]``."""
@@ -25,7 +25,7 @@ class TimedSection(Section):
     """The kerb they come from."""
     start_lateral_m: Positive
     """Distance from the car's centre line to their starting point, which is clear of the car and at
-    most 8 m before the kerb."""
+    most ``MAX_BEFORE_KERB_M`` before the kerb."""
     acceleration_distance_m: NonNegative = 0.0
     """Distance over which they accelerate to their speed."""
     speed_mps: Annotated[float, Field(gt=0, le=10)]
@@ -145,7 +145,7 @@ class WalkingClassSection(Section):
     share: Share
     """Share of the pedestrians; the shares of all classes sum to at most 1."""
     mean_mps: WalkingMean
-    """Mean before truncation at 0.3 m/s."""
+    """Mean before truncation at ``SLOWEST_MPS``."""
     std_mps: WalkingSpread = 0.25
     """Standard deviation before truncation."""
 
@@ -157,7 +157,7 @@ class WalkingSpeedSection(Section):
     """
 
     mean_mps: WalkingMean
-    """Mean before truncation at 0.3 m/s."""
+    """Mean before truncation at ``SLOWEST_MPS``."""
     std_mps: WalkingSpread = 0.25
     """Standard deviation before truncation."""
     classes: Annotated[tuple[WalkingClassSection, ...], Field(strict=False)] = ()
@@ -188,7 +188,7 @@ class PedestriansSection(Section):
     """Shares of the groups that have 1, 2, 3 … pedestrians; they sum to 1."""
     max_count: Annotated[int, Field(ge=0)] | None = None
     """Greatest number of pedestrians; if not given, there is no limit."""
-    first_at_trigger: bool = False
+    first_at_trigger: Annotated[bool, Mark.TRIGGERED] = False
     """Whether the first pedestrian or group arrives at the kerb at t = 0."""
     near_side_share: Share = 0.5
     """Share of pedestrians or groups that come from the near kerb (in `[simulation]`: from the
@@ -198,7 +198,7 @@ class PedestriansSection(Section):
     kerb_wait_s: NonNegative = Field(default_factory=_kerb_wait_s)
     """Nobody steps off if a vehicle that does not stop would reach the crosswalk within this time;
     if not given, 0 with behaviour ``threshold``."""
-    warm_up_s: Annotated[float, Field(ge=0, le=3600)] = 0.0
+    warm_up_s: Annotated[float, Field(ge=0, le=3600), Mark.TRIGGERED] = 0.0
     """The flow begins this long before the trigger; must be 0 with ``[traffic]``."""
     gap_acceptance: GapAcceptanceSection = GapAcceptanceSection()
     """Critical gaps, with behaviour ``gap_acceptance``."""
@@ -206,11 +206,11 @@ class PedestriansSection(Section):
     """Thresholds and latencies, with behaviour ``threshold``."""
     walking_speed: WalkingSpeedSection | None = None
     """Normal distribution of walking speeds; if not given, the interaction model gives them."""
-    timed: Annotated[tuple[TimedSection, ...], Field(strict=False)] = ()
+    timed: Annotated[tuple[TimedSection, ...], Field(strict=False), Mark.TRIGGERED] = ()
     """Pedestrians timed so that a car that never brakes hits them."""
-    timed_case: str | None = None
+    timed_case: Annotated[str | None, Mark.TRIGGERED] = None
     """``name`` of the timed pedestrians to simulate; if not given, all of ``timed``."""
-    drawn: Annotated[tuple[DrawnSection, ...], Field(strict=False)] = ()
+    drawn: Annotated[tuple[DrawnSection, ...], Field(strict=False), Mark.TRIGGERED] = ()
     """Pedestrians of each pair by their uniforms; ``harness risk`` writes them."""
 
     @property

@@ -106,10 +106,9 @@ class Scenario(Section):
 
     def late(self, vehicle: Vehicle, driver: Arm | None) -> Vehicle:
         """A vehicle with the dead time, lag and jerk of a driver's vehicle."""
-        actuation = self.actuation
-        if driver is None or not actuation.applies_to(driver):
+        if driver is None or not self.actuation.applies_to(driver):
             return vehicle
-        return replace(vehicle, **actuation.model_dump(exclude={"human"}))
+        return replace(vehicle, **self.actuation.model_dump(exclude={"human"}))
 
     def crosswalk(self, lane: int | None = None) -> Crossing:
         """The crosswalk's constants for a lane, counted from its near kerb; None: the ego's."""
@@ -125,8 +124,7 @@ class Scenario(Section):
 
     def crosswalk_from_lanes(self, *, oncoming: bool) -> tuple[Crossing, ...]:
         """The crosswalk's constants for each lane of a direction, counted from its near kerb."""
-        crossing = self.crossing
-        lanes = crossing.oncoming_lanes if oncoming else crossing.lanes
+        lanes = self.crossing.oncoming_lanes if oncoming else self.crossing.lanes
         return tuple(self.crosswalk(lane) for lane in range(lanes))
 
     @property

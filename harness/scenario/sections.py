@@ -6,7 +6,9 @@ checked on its own; ``consistency`` checks them together.
 
 import math
 import sys
+from collections.abc import Iterable
 from dataclasses import replace
+from enum import Enum, auto
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
@@ -21,9 +23,20 @@ MAX_TRIGGER_RANGE_M = 300.0
 MAX_SPEED_MPS = 60.0
 """Highest v0, and highest speed limit before a crosswalk of a simulation."""
 
+BEFORE_CROSSWALK_M = 1.5
+"""SUMO's approach lane ends this far before the crosswalk: the ego is not inserted beyond it."""
+
+FOOTPATH_M = 10.0
+"""Length of a footpath of a network of the harness, from the kerb to its outer end."""
+
+MAX_BEFORE_KERB_M = 8.0
+"""Greatest distance from a timed pedestrian's start to their kerb, within ``FOOTPATH_M``."""
+
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
+Acceleration = Annotated[float, Field(ge=0.1, le=20)]
+"""The greatest acceleration or deceleration of a vehicle, in m/s²."""
 Flow = Annotated[float, Field(ge=0, le=100_000)]
 """Vehicles or people per hour."""
 
@@ -32,6 +45,29 @@ class Section(BaseModel):
     """A table of a scenario file; unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    def changed(self, keys: Iterable[str]) -> list[str]:
+        """Those of these keys whose value is not the default."""
+        default = type(self)()
+        return [key for key in keys if getattr(self, key) != getattr(default, key)]
+
+
+class Mark(Enum):
+    """What checks elsewhere have to know of a key; it stands in the key's annotation."""
+
+    SIMULATED = auto()
+    """``[simulation]`` accepts the key, although the configuration defines its section."""
+    TRIGGERED = auto()
+    """Simulations refuse the key, because no vehicle has a trigger."""
+    VALIDATED = auto()
+    """``harness validate`` accepts the key, which has an effect on recorded passages."""
+    HARMLESS = auto()
+    """The key causes no error of perception by itself."""
+
+
+def marked(section: type[Section], mark: Mark) -> list[str]:
+    """The keys of a section that have a mark."""
+    return [name for name, field in section.model_fields.items() if mark in field.metadata]
 
 
 class ObstacleSection(Section):
@@ -87,10 +123,10 @@ class CrossingSection(Section):
     """Speed limit for SUMO's car following and for SUMO's outputs; if not given, v0."""
     obstacles: Annotated[tuple[ObstacleSection, ...], Field(strict=False)] = ()
     """Parked cars, hedges and the like that hide pedestrians."""
-    grade: Annotated[float, Field(ge=-0.4, le=0.4)] = 0.0
+    grade: Annotated[float, Field(ge=-0.4, le=0.4), Mark.VALIDATED] = 0.0
     """Rise over run in the ego's direction, positive uphill; it changes how hard vehicles can brake
     and accelerate, in both arms."""
-    friction: Annotated[float, Field(ge=0.01, le=2)] | None = None
+    friction: Annotated[Annotated[float, Field(ge=0.01, le=2)] | None, Mark.VALIDATED] = None
     """Friction coefficient of tyre and road, which limits braking and accelerating, in both arms;
     if not given, only the vehicle limits them."""
 
@@ -134,20 +170,20 @@ class EgoSection(Section):
     """The ego's lane, counted from the near kerb; below ``crossing.lanes``."""
     initial_speed_mps: Annotated[float, Field(ge=0.1, le=MAX_SPEED_MPS)] = 5.0
     """v0."""
-    trigger_range_m: Annotated[float, Field(gt=0, le=MAX_TRIGGER_RANGE_M)] = 30.0
+    trigger_range_m: Annotated[float, Field(gt=0, le=MAX_TRIGGER_RANGE_M), Mark.SIMULATED] = 30.0
     """R0: t = 0 when the front bumper is this far from the centre line; at least half the
-    crosswalk's width plus 1.5 m."""
-    detection_range_m: Positive | None = None
+    crosswalk's width plus ``BEFORE_CROSSWALK_M``."""
+    detection_range_m: Annotated[Positive | None, Mark.SIMULATED, Mark.VALIDATED] = None
     """Range up to which pedestrians are detected; if not given, the trigger range."""
     length_m: Annotated[float, Field(ge=1, le=25)] = 5.0
     """Length of the vehicle."""
-    width_m: Annotated[float, Field(ge=0.5, le=5)] = 1.8
+    width_m: Annotated[float, Field(ge=0.5, le=5), Mark.VALIDATED] = 1.8
     """Width of the vehicle; at most the width of its lane."""
-    max_acceleration_mps2: Annotated[float, Field(ge=0.1, le=20)] = 3.0
+    max_acceleration_mps2: Annotated[Acceleration, Mark.VALIDATED] = 3.0
     """Greatest acceleration that a strategy can command."""
-    max_deceleration_mps2: Annotated[float, Field(ge=0.1, le=20)] = 4.5
+    max_deceleration_mps2: Annotated[Acceleration, Mark.VALIDATED] = 4.5
     """Greatest deceleration that a strategy can command."""
-    resume_acceleration_mps2: Annotated[float, Field(ge=0.1, le=20)] = 1.0
+    resume_acceleration_mps2: Annotated[Acceleration, Mark.SIMULATED, Mark.VALIDATED] = 1.0
     """a0: acceleration back to v0 once the crossing is clear."""
 
 
@@ -159,7 +195,7 @@ class PerceptionSection(Section):
 
     latency_s: Annotated[float, Field(ge=0, le=60)] = 0.0
     """Latency: age of the pedestrian data that the strategy sees; whole steps."""
-    update_s: Annotated[float, Field(gt=0, le=60)] | None = None
+    update_s: Annotated[Annotated[float, Field(gt=0, le=60)] | None, Mark.HARMLESS] = None
     """Time between two updates of the sensor; whole steps; if not given, it updates every step."""
     detection_probability: Share = 1.0
     """Probability at each update that a pedestrian is detected; from then on they are tracked."""
@@ -169,35 +205,34 @@ class PerceptionSection(Section):
     """Standard deviation of the position error."""
     speed_sd_mps: Annotated[float, Field(ge=0, le=100)] = 0.0
     """Standard deviation of the speed error."""
-    correlation_s: NonNegative = 1.0
+    correlation_s: Annotated[NonNegative, Mark.HARMLESS] = 1.0
     """Correlation time of the errors."""
-    occlusion: bool = True
+    occlusion: Annotated[bool, Mark.HARMLESS] = True
     """Whether obstacles hide pedestrians from the AV."""
-    human: bool = False
+    human: Annotated[bool, Mark.HARMLESS] = False
     """Whether human drivers have the same errors."""
 
     @property
     def draws(self) -> bool:
         """Whether any error is drawn at random."""
-        return self._errs(apart_from="latency_s")
+        return bool(self._errors() - {"latency_s"})
 
     def is_perfect(self, step_s: float) -> bool:
         """Whether the strategy sees the ground truth at every step, apart from what is hidden."""
         every_step = self.update_s is None or self.update_s < 1.5 * step_s
-        return every_step and not self._errs()
+        return every_step and not self._errors()
 
-    def _errs(self, apart_from: str = "") -> bool:
-        """Whether a key besides this one, and besides those that alone are no error, is set."""
-        harmless = {"update_s", "correlation_s", "occlusion", "human", apart_from}
-        return self.model_dump(exclude=harmless) != type(self)().model_dump(exclude=harmless)
+    def _errors(self) -> set[str]:
+        """The keys that are set and cause an error by themselves."""
+        return {*self.changed(type(self).model_fields)} - {*marked(type(self), Mark.HARMLESS)}
 
 
 class ModelSection(Section):
     """``[model]``: the interaction model, a shipped one by ``name`` or a file by ``path``."""
 
-    name: str = "dut"
+    name: Annotated[str, Mark.VALIDATED] = "dut"
     """Name of a shipped interaction model."""
-    path: str | None = None
+    path: Annotated[str | None, Mark.VALIDATED] = None
     """Path of a model file of your own; replaces ``name``."""
     pedestrian_reading: Literal["marginal", "unconditional"] = "marginal"
     """Which conditional distribution walking speeds are drawn from (docs/method.md)."""
@@ -254,15 +289,15 @@ class ConflictsSection(Section):
 class ExperimentSection(Section):
     """``[experiment]``: number of pairs, seed, simulation step and time limits."""
 
-    pairs: Annotated[int, Field(ge=1, le=10_000_000)] = 50
+    pairs: Annotated[int, Field(ge=1, le=10_000_000), Mark.SIMULATED] = 50
     """N, the number of pairs; each is simulated twice, once per arm."""
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
+    seed: Annotated[int, Field(ge=0, lt=2**63), Mark.SIMULATED, Mark.VALIDATED] = 1
     """Seed from which every random number derives; with ``[simulation]`` SUMO's own seeds, too."""
-    step_s: Annotated[float, Field(ge=0.001, le=1)] = 0.1
+    step_s: Annotated[float, Field(ge=0.001, le=1), Mark.VALIDATED] = 0.1
     """Simulation step; whole milliseconds."""
     timeout_s: Annotated[float, Field(gt=0, le=3600)] = 60.0
     """An episode in which the ego has not passed by this time is timed out; whole steps."""
-    decide_limit_s: Annotated[float, Field(ge=0.1, le=3600)] = 10.0
+    decide_limit_s: Annotated[float, Field(ge=0.1, le=3600), Mark.SIMULATED] = 10.0
     """Wall time that a strategy may take for one decision."""
 
 

@@ -104,9 +104,7 @@ class PeopleAt:
         are keyed by the ids of vehicle, crosswalk and person.
         """
         keys = number_of(passage.car.name), number_of(passage.at.crosswalk.id)
-        updates = Updates(
-            sensor, lambda index: track_from(sensor, pair, keys, number_of(self.id_of(index)))
-        )
+        updates = Updates(sensor, lambda i: track_from(sensor, pair, keys, number_of(self.id_of(i))))
         return lambda near: updates.shown(lambda: ((view, near) for view in self.views(passage)))
 
     def _view(self, person: SumoPerson) -> PedestrianView:

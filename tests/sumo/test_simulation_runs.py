@@ -294,8 +294,8 @@ def test_a_written_scenario_runs_and_its_worst_passage_is_replayed(
         ({"simulation.av_shares": 1}, "did you mean 'av_share'"),
         ({"simulation.step_s": 1.5}, "simulation.step_s"),
         ({"ego.trigger_range_m": 10.0}, "nobody stops within 10 m from 13.89 m/s"),
-        ({"ego.length_m": 4.0}, "whose vehicle types define it"),
-        ({"crossing.length_m": 4.0}, "whose network defines it"),
+        ({"ego.length_m": 4.0}, "which has its own vehicle types"),
+        ({"crossing.length_m": 4.0}, "which has its own network"),
         ({"pedestrians.flow_per_hour": 100.0}, "sumo_driver passes people of the harness"),
         ({"arms.av": "exec:./driver"}, "a program drives one vehicle"),
         (

@@ -275,29 +275,17 @@ def test_pairs_that_were_selected_by_their_outcome(tell: Callable[..., Told]) ->
 
 @pytest.mark.parametrize("vary", [KINDS["run"], KINDS["sweep"]])
 def test_an_unfinished_run_says_so_first(vary: tuple[str, ...]) -> None:
-    result = result_of(
-        study({"experiment.pairs": 30}, *vary),
-        lambda _, pair: some(FAILED)(pair),
-        10,
-        finished=False,
-    )
+    of = study({"experiment.pairs": 30}, *vary)
+    result = result_of(of, lambda _, pair: some(FAILED)(pair), 10, finished=False)
     cells = max(1, 2 * len(vary))
     assert result.notes[0].key == "unfinished"
     assert f"{10 * cells} of {30 * cells} pairs are done" in result.notes[0].text
     assert result.facts["finished"] is False
 
 
-ERRORS = {
-    "latency_s": 0.3,
-    "update_s": 0.5,
-    "detection_probability": 0.9,
-    "dropout_probability": 0.05,
-    "position_sd_m": 0.4,
-    "speed_sd_mps": 0.2,
-    "dead_time_s": 0.3,
-    "lag_s": 0.4,
-    "max_jerk_mps3": 2.0,
-}
+ERRORS = {"latency_s": 0.3, "update_s": 0.5, "detection_probability": 0.9, "lag_s": 0.4}
+ERRORS |= {"dropout_probability": 0.05, "position_sd_m": 0.4, "speed_sd_mps": 0.2}
+ERRORS |= {"dead_time_s": 0.3, "max_jerk_mps3": 2.0}
 CALM = {"correlation_s", "occlusion", "human"}
 """Fields that are no error by themselves."""
 

@@ -21,7 +21,14 @@ from harness.scenario.file import Setting
 from harness.strategies.perception.encounter_view import Perception
 from harness.strategies.perception.occlusion import Rectangle, is_hidden
 from harness.strategies.perception.sensor import Sensor, sensor_of
-from harness.strategies.perception.updates import SensorTrack, Updates, updates_until_found
+from harness.strategies.perception.track_errors import (
+    ERRORS,
+    Detection,
+    Noise,
+    SensorTrack,
+    updates_until_found,
+)
+from harness.strategies.perception.updates import Updates
 from tests.scenes import Recorder, episode, on_plain, outcome_of, scenario
 
 FAR_AWAY = {"x_m": -900.0, "y_m": -50.0, "length_m": 1.0, "width_m": 1.0}
@@ -105,9 +112,9 @@ def test_the_quantile_decides_the_first_detection_and_what_is_lost_is_looked_for
     assert shown[0] == pytest.approx(1.5)
     # Then they are tracked, until they have left at 9.55 s or the episode ends.
     assert np.diff(shown) == pytest.approx(0.1)
-    track = SensorTrack(sensor_with(detection_probability=0.5), 0, 0, 0.7)  # ⌈1.737⌉ = 2 looks
+    track = Detection(SensorTrack(sensor, 0, 0, 0.7))  # ⌈1.737⌉ = 2 looks
     looks = [True, False, False, True, True, False]
-    assert [track.update(look) for look in looks] == [False, False, False, True, True, False]
+    assert [track.found(look) for look in looks] == [False, False, False, True, True, False]
 
 
 @settings(max_examples=50)
@@ -129,8 +136,8 @@ def test_share_of_updates_shown_with_dropouts() -> None:
     # p/(p + q) of the time; a run in it is geometric with mean 1/q.
     p, q = 0.6, 0.2
     sensor = sensor_with(detection_probability=p, dropout_probability=q)
-    track, updates = SensorTrack(sensor, 0, 0, 0.0), 40_000
-    shown = np.array([track.update(True) for _ in range(updates)])
+    detection, updates = Detection(SensorTrack(sensor, 0, 0, 0.0)), 40_000
+    shown = np.array([detection.found(True) for _ in range(updates)])
     # Its correlation in time, 1 − p − q = 0.2, makes (1 + 0.2)/(1 − 0.2) = 1.5 times the variance.
     mean = p / (p + q)
     error = math.sqrt(1.5 * mean * (1 - mean) / updates)
@@ -145,8 +152,8 @@ def test_share_of_updates_shown_with_dropouts() -> None:
 def test_errors_have_their_variance_and_correlation() -> None:
     # Updates of 0.1 s, correlation time 0.5 s: φ = exp(−0.2), after k updates exp(−0.2 k).
     sensor = sensor_with(position_sd_m=0.3, speed_sd_mps=0.2, correlation_s=0.5)
-    track = SensorTrack(sensor, 3, 0, None)
-    errors = np.array([track.next_errors() for _ in range(60_000)])
+    noise = Noise(SensorTrack(sensor, 3, 0, None))
+    errors = np.array([noise.next_errors() for _ in range(60_000)])
     for column, sd in zip(errors.T, (0.3, 0.2), strict=True):
         # Effective sample size n (1 − φ²)/(1 + φ²) for a variance; 4 standard errors.
         assert column.std() == pytest.approx(sd, rel=4 * math.sqrt(1 / (2 * 60_000 * 0.1974)))
@@ -155,8 +162,18 @@ def test_errors_have_their_variance_and_correlation() -> None:
             assert correlation == pytest.approx(math.exp(-0.2 * lag), abs=0.03)
     assert abs(np.corrcoef(errors.T)[0, 1]) < 0.03
     # Stationary from the first update on: over pedestrians too.
-    first = [SensorTrack(sensor, pair, 0, None).next_errors()[0] for pair in range(2_000)]
+    first = [Noise(SensorTrack(sensor, pair, 0, None)).next_errors()[0] for pair in range(2_000)]
     assert np.std(first) == pytest.approx(0.3, rel=4 / math.sqrt(2 * 2_000))
+
+
+def test_a_new_error_is_one_entry(monkeypatch: pytest.MonkeyPatch) -> None:
+    new = ERRORS[0]._replace(begin=lambda _: lambda view, _: (view, False), keys=("update_s",))
+    monkeypatch.setattr("harness.strategies.perception.updates.ERRORS", [new])
+    person = PedestrianView(1, Side.NEAR, 2.0, 8.0, 1.2, on_crossing=True)
+    for keys, told in (({"update_s": 0.2}, ()), ({"speed_sd_mps": 9.0}, (person,))):
+        sensor = sensor_with(**keys)
+        updates = Updates(sensor, lambda index, of=sensor: SensorTrack(of, 0, index, None))
+        assert updates.shown(lambda: [(person, True)]) == told
 
 
 WALL = Rectangle(4.0, 5.0, -1.0, 1.0)
@@ -253,10 +270,8 @@ def test_numbers_tell_of_nobody_who_has_not_been_seen(detection: float) -> None:
 def test_cells_share_their_draws_and_pairs_do_not() -> None:
     poor = [("perception.detection_probability", 0.3), ("perception.position_sd_m", 0.2)]
     one = planned_arrivals(flow(*poor), 0)
-    assert [a.detection_quantile for a in one] == [
-        a.detection_quantile
-        for a in planned_arrivals(flow(*poor, ("perception.latency_s", 0.5)), 0)
-    ]
+    late = planned_arrivals(flow(*poor, ("perception.latency_s", 0.5)), 0)
+    assert [a.detection_quantile for a in one] == [a.detection_quantile for a in late]
     assert one[0].detection_quantile != planned_arrivals(flow(*poor), 1)[0].detection_quantile
     # Given uniforms take the place of the first draws, as `harness risk` gives them.
     given = planned_arrivals(flow(*poor), 0, {"detection": (0.25,)})
@@ -266,13 +281,14 @@ def test_cells_share_their_draws_and_pairs_do_not() -> None:
     assert [a._replace(detection_quantile=None) for a in one] == list(planned_arrivals(flow(), 0))
     sensor = sensor_of(flow(*poor), Arm.AV)
     assert sensor is not None
-    assert len({SensorTrack(sensor, a, b, 0.5).next_errors() for a, b in np.ndindex(2, 2)}) == 4
+    tracks = [SensorTrack(sensor, a, b, 0.5) for a, b in np.ndindex(2, 2)]
+    assert len({Noise(track).next_errors() for track in tracks}) == 4
 
 
 def test_given_uniforms_are_the_first_errors_and_the_wait_after_the_first_loss() -> None:
     errors: dict = {"perception_error": (0.5, 0.5, stats.norm.cdf(2.0), stats.norm.cdf(-1.0))}
     track = SensorTrack(sensor_with(position_sd_m=0.3, speed_sd_mps=0.1), 0, 1, None, errors)
-    assert track.next_errors() == pytest.approx((2.0 * 0.3, -1.0 * 0.1))
+    assert Noise(track).next_errors() == pytest.approx((2.0 * 0.3, -1.0 * 0.1))
     # They are added: 0.6 m farther along the walk, 0.1 m/s slower.  Who stands is seen to stand.
     sensor = sensor_with(position_sd_m=0.3, speed_sd_mps=0.1)
     for speed_mps, seen_mps in ((1.2, 1.1), (0.0, 0.0)):
@@ -283,8 +299,8 @@ def test_given_uniforms_are_the_first_errors_and_the_wait_after_the_first_loss()
         assert told.speed_mps == pytest.approx(seen_mps)
     # u = 0.999, p = 0.5: ten looks, as at the first detection.
     sensor = sensor_with(detection_probability=0.5)
-    track = SensorTrack(sensor, 0, 1, 0.0, {"redetection": (0.1, 0.999)})
-    seen = [track.update(in_sight) for in_sight in (True, False, *[True] * 10)]
+    track = Detection(SensorTrack(sensor, 0, 1, 0.0, {"redetection": (0.1, 0.999)}))
+    seen = [track.found(in_sight) for in_sight in (True, False, *[True] * 10)]
     assert seen == [True, *[False] * 10, True]
 
 

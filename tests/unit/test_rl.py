@@ -152,7 +152,8 @@ def test_misuse_is_refused_in_words():
     refuses("pair", lambda: environment().reset(options={"pair": -1}))
     with pytest.raises(InputError, match=r"unknown key 'paar'; .*did you mean 'pair'"):
         environment().reset(options={"paar": 1})
-    refuses("seed", lambda: environment().reset(seed=1.5))
+    refuses("seed: 9223372036854775808 is not", lambda: environment().reset(seed=2**63))
+    refuses("unknown mode 'ansi'", lambda: environment(render_mode="ansi"))
     env = environment()
     env.reset()
     assert env.step(0.5)[0][1] > env.step(np.float32(-9.0))[0][1]

@@ -6,7 +6,8 @@ from harness.core.seeding import Given
 from harness.core.vocabulary import Arrival, PedestrianView, Views
 from harness.strategies.perception.occlusion import is_hidden
 from harness.strategies.perception.sensor import Sensor
-from harness.strategies.perception.updates import SensorTrack, Updates
+from harness.strategies.perception.track_errors import SensorTrack
+from harness.strategies.perception.updates import Updates
 
 
 class Perception:
@@ -23,10 +24,8 @@ class Perception:
         self, sensor: Sensor, arrivals: Sequence[Arrival], pair: int, given: Given
     ) -> None:
         self._sensor = sensor
-        quantiles = {arrival.index: arrival.detection_quantile for arrival in arrivals}
-        self._updates = Updates(
-            sensor, lambda index: SensorTrack(sensor, pair, index, quantiles[index], given)
-        )
+        found = {arrival.index: arrival.detection_quantile for arrival in arrivals}
+        self._updates = Updates(sensor, lambda i: SensorTrack(sensor, pair, i, found[i], given))
 
     def shown(self, near: bool, x_m: float, people: Iterable[PedestrianView]) -> Views:
         """The pedestrians that the driver sees at the next step.

@@ -2,7 +2,7 @@
 
 Each driver drives every recorded passage, among the people who walk as recorded.  Both scores have
 intervals over vehicles, because the passages of one vehicle, or of its copies, are not independent.
-``_KEYS`` lists the keys of a scenario that have an effect here.
+``Mark.VALIDATED`` marks the keys of a scenario that have an effect here.
 """
 
 import hashlib
@@ -38,6 +38,7 @@ from harness.results.result import Column, Result, Shown, Style, Table
 from harness.scenario import Scenario, Setting, load_scenario
 from harness.scenario.file import parts_of
 from harness.scenario.pedestrians import PedestriansSection
+from harness.scenario.sections import Mark, Section, marked
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import find_strategy
@@ -52,11 +53,6 @@ RELIABLE_VEHICLES = 200
 
 FOLDS = 5
 """Folds of vehicles: a model that was fitted on the same data is fitted again without each."""
-
-_KEYS = ("model.name", "model.path", "experiment.seed", "experiment.step_s", "crossing.grade",
-         "crossing.friction", "ego.width_m", "ego.detection_range_m", "ego.max_acceleration_mps2",
-         "ego.max_deceleration_mps2", "ego.resume_acceleration_mps2")  # fmt: skip
-"""The keys of a scenario that have an effect, besides the drivers' parameters."""
 
 COLUMNS: Mapping[Column, Style] = MappingProxyType({
     Column("pass_time_score_s", "score, s", interval=True): Style(),
@@ -143,14 +139,16 @@ def _factories(
         InputError: a strategy or a parameter is refused, or a key has no effect.
     """
     found = {name: find_strategy(name, f"driver {name}") for name in drivers}
-    allowed = [*(f"strategies.{name}" for name in found), *_KEYS]
+    sections = {name: type(of) for name, of in Scenario() if isinstance(of, Section)}
+    own = [f"{name}.{key}" for name, of in sections.items() for key in marked(of, Mark.VALIDATED)]
+    allowed = [*(f"strategies.{name}" for name in found), *own]
     for key in keys:
         if ".".join(parts_of(key)[:2]) not in allowed:
             problem = "has no effect on recorded passages"
             raise InputError(inside(key.source, key.key), problem, ", ".join(allowed))
     for name in found:
-        own = Setting("arms.av", name, f"driver {name}"), Setting("model.extrapolate", True)
-        check_arms(load_scenario("cctc", [*keys, *own]), model)
+        drives = Setting("arms.av", name, f"driver {name}"), Setting("model.extrapolate", True)
+        check_arms(load_scenario("cctc", [*keys, *drives]), model)
     return found
 
 

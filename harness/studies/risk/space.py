@@ -20,7 +20,8 @@ from harness.core.vocabulary import SECONDS_PER_HOUR, Arm, Ending, FloatArray
 from harness.encounter.arms import draws, draws_from
 from harness.measures import EpisodeRecord
 from harness.scenario import Scenario
-from harness.strategies.perception.sensor import TRACK_STREAMS, sensor_of
+from harness.strategies.perception.sensor import sensor_of
+from harness.strategies.perception.track_errors import streams_of
 
 GRADINGS = 4
 """Number of scores by which the distance of an episode from an event is graded."""
@@ -185,7 +186,7 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
         if odd:
             problem, allowed = "is not supported by a risk estimate", "a scenario without it"
             raise InputError(f"pedestrians.{key}", problem, allowed)
-    drawn = {} if sensor is None else {k: v for k, v in TRACK_STREAMS.items() if v.drawn(sensor)}
+    drawn = {} if sensor is None else streams_of(sensor)
     seen: list[Purpose] = [purpose for purpose, of in drawn.items() for _ in range(of.given)]
     misses = sensor is not None and sensor.section.detection_probability < 1
     each: list[Purpose] = [*people.marks, "detection"] if misses else [*people.marks]
