@@ -103,8 +103,8 @@ class PeopleAt:
         The function is given whether the vehicle is within the detection range.  The random streams
         are keyed by the ids of vehicle, crosswalk and person.
         """
-        keys = number_of(passage.car.name), number_of(passage.at.crosswalk.id)
-        updates = Updates(sensor, lambda i: track_from(sensor, pair, keys, number_of(self.id_of(i))))
+        key = number_of(passage.car.name), number_of(passage.at.crosswalk.id)
+        updates = Updates(sensor, lambda i: track_from(sensor, pair, key, number_of(self.id_of(i))))
         return lambda near: updates.shown(lambda: ((view, near) for view in self.views(passage)))
 
     def _view(self, person: SumoPerson) -> PedestrianView:
