@@ -90,7 +90,7 @@ QuietOption = Annotated[bool, Option("--quiet", "-q", help="Print only paths or 
 
 def settings_of(
     settings: list[str] | None, pairs: int | None = None, seed: int | None = None
-) -> "list[Setting]":
+) -> "tuple[Setting, ...]":
     """The changes of --set, --pairs and --seed in the order of application."""
     from harness.scenario.file import as_settings, parse_setting
 

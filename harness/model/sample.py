@@ -107,9 +107,8 @@ def read_rows(path: Path) -> RowFile:
         if not pd.api.types.is_numeric_dtype(rows[name]):
             raise InputError(f"{path}: {name}", "contains text", "numbers")
     # Other programs write identifiers of any type.
-    rows = rows.assign(
-        **{name: identifiers(path, rows[name]) for name in TEXT_COLUMNS if name in rows}
-    )
+    given = [name for name in TEXT_COLUMNS if name in rows]
+    rows = rows.assign(**{name: identifiers(path, rows[name]) for name in given})
     try:
         metadata = pq.read_schema(path).metadata or {}
     except (OSError, pa.ArrowException):  # it is CSV

@@ -83,7 +83,7 @@ Settings = Sequence[Setting] | Mapping[str, Any]
 """Settings from the command line, or a dictionary of values by dotted key."""
 
 
-def as_settings(settings: Settings, **experiment: int | None) -> list[Setting]:
+def as_settings(settings: Settings, **experiment: int | None) -> tuple[Setting, ...]:
     """Settings in the order of application.
 
     Args:
@@ -93,7 +93,7 @@ def as_settings(settings: Settings, **experiment: int | None) -> list[Setting]:
     if isinstance(settings, Mapping):
         settings = [Setting(key, value) for key, value in settings.items()]
     own = [Setting(f"experiment.{key}", each, Parameter(key)) for key, each in experiment.items()]
-    return [*settings, *(setting for setting in own if setting.value is not None)]
+    return *settings, *(setting for setting in own if setting.value is not None)
 
 
 def read_scenario_file(name_or_path: str | Path, settings: Settings = ()) -> ScenarioFile:

@@ -56,9 +56,8 @@ class Study:
         Raises:
             InputError: there is none.
         """
-        if number not in range(len(self.cells)):
-            allowed = f"0 to {len(self.cells) - 1}"
-            raise InputError(Parameter("cell", number), "there is none", allowed)
+        if number not in (known := range(len(self.cells))):
+            raise InputError(Parameter("cell", number), "there is none", f"0 to {known[-1]}")
         return self.cells[number]
 
     @property

@@ -237,9 +237,8 @@ def mobileye_rows(file: File, options: MobileyeOptions, tally: Tally) -> pd.Data
     frames = [pd.DataFrame()]
     for _, trip in table.groupby(["device", "trip"]):
         tally.clips += 1
-        vehicle, number = (
-            str(identifiers(file.path, trip[name]).iloc[0]) for name in ("device", "trip")
-        )
+        own = [identifiers(file.path, trip[name]) for name in ("device", "trip")]
+        vehicle, number = (str(names.iloc[0]) for names in own)
         moments = trip.sort_values("time_s", kind="stable").drop_duplicates("time_s")
         track = Track(moments["time_s"].to_numpy(), moments[["bus_x", "bus_y"]].to_numpy())
         names = {

@@ -163,7 +163,7 @@ def scenario_file(scenario: Scenario | str | Path, settings: Settings) -> Scenar
     Raises:
         InputError: the file is no scenario, or the folder holds no run.
     """
-    given, here = tuple(as_settings(settings)), Path.cwd()
+    given, here = as_settings(settings), Path.cwd()
     if isinstance(scenario, Scenario):
         return ScenarioFile("scenario", "scenario", scenario.model_dump(), None, given, here)
     folder = Path(scenario)
