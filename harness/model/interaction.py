@@ -19,7 +19,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from harness.core.documents import check_form, parse_json
+from harness.core.documents import as_plain, check_form, parse_json
 from harness.core.errors import InputError, nearest_name
 from harness.core.files import read_file, write_file
 from harness.core.freezing import Frozen
@@ -274,7 +274,7 @@ def write_model(
     """
     document = {"schema": 1, "name": name, "variables": list(VARIABLES)}
     document |= {each: getattr(mixture, each).tolist() for each in _ARRAYS}
-    document["provenance"] = dict(provenance)
+    document["provenance"] = as_plain(provenance)
     content = (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode()
     model = _parsed(content, str(path))
     write_file(path, content)
