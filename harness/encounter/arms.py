@@ -9,6 +9,7 @@ from harness.core.documents import as_plain
 from harness.core.errors import InputError, in_one_line
 from harness.core.seeding import Given, GivenFirst, Purpose, stream
 from harness.core.vocabulary import NO_MODEL_USE, Arm, ModelUse, Strategy
+from harness.encounter.driver import attribute_of
 from harness.model.interaction import InteractionModel, ModelUseCounter, check_support
 from harness.scenario import Scenario
 from harness.strategies.parameters import check_parameters, knows_the_model, needs
@@ -96,8 +97,12 @@ def named_strategy(
 
 
 def uses_of(strategy: Strategy) -> ModelUse:
-    """How often a strategy has asked the model, if it counts that in ``model_use``."""
-    counter = getattr(strategy, "model_use", None)
+    """How often a strategy has asked the model, if it counts that in ``model_use``.
+
+    Raises:
+        StrategyError: the strategy raised an exception.
+    """
+    counter = attribute_of(strategy, "model_use")
     return counter.counts if isinstance(counter, ModelUseCounter) else NO_MODEL_USE
 
 

@@ -185,12 +185,16 @@ class PairRunner:
         self._speeds.model_use.begin()
         begins(pair, arm, episode)
         trace = drive(episode, strategy)
-        conditionings = self._speeds.model_use.counts.joined(uses_of(strategy))
+        try:
+            uses = self._speeds.model_use.counts.joined(uses_of(strategy))
+            trace = replace(trace, conditionings=uses)
+        except StrategyError as error:
+            trace = failed(trace, error)
         if trace.ending is Ending.FAILED:
             # The next episode needs a new simulation.
             episode.engine.close()
             self._engine = None
-        return replace(trace, conditionings=conditionings)
+        return trace
 
 
 class _People(NamedTuple):

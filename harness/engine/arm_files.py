@@ -36,8 +36,9 @@ _ALWAYS = {
 """Options of every arm: a fixed seed, few messages, and output of unfinished trips too."""
 
 _DROPPED = ("save-", "output-prefix", "output-suffix", "num-clients", "remote-port",
-            "device.tripinfo.")  # fmt: skip
-"""How options begin that save states, name outputs, wait for a client, or leave out trips."""
+            "device.tripinfo.", "device.fcd.", "person-device.fcd.", "fcd-output.")  # fmt: skip
+"""How options begin that save states, name outputs, wait for a client, or leave out trips and
+vehicles."""
 
 _TO_THE_ROOT = "../" * 40
 """SUMO puts its prefix between an output's folder and its name, in detectors' and devices' too."""

@@ -282,9 +282,7 @@ def _fills(cell: CellFindings) -> Iterator[Said]:
     growth = {}
     for who, end in cell.arms:
         share, due = cell[f"growth{end}"].value, cell[f"vehicles{end}"].value
-        if share is None or not due:
-            continue
-        if share > max(GROWTH, CHANCE * math.sqrt(3 * VARIANCE / max(due, 3))):
+        if share and due and share > max(GROWTH, CHANCE * math.sqrt(3 * VARIANCE / max(due, 3))):
             growth[f"{100 * share:.0f} % of those due in a third of the time ({who})"] = share
     if growth:
         text = f"The roads fill: the number of vehicles grows by {_listed([*growth])}."

@@ -184,7 +184,7 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
     return Result(
         command="compare",
         title=f"{runs[0].name}: {counted}, pair by pair, of {drivers(cells)}",
-        scope=f"{scope_of(cells, facts)}; p by Holm over the table",
+        scope=f"{scope_of(cells, facts)}; p by Holm over the table{_alone(runs)}",
         about=place_in_words([cell.scenario for cell in cells]),
         screen=_screen(rows[:MOST_ROWS], p_holm[kind.differences[0].key], kind),
         full=(
@@ -241,6 +241,12 @@ def _comparable(runs: Sequence[Run]) -> list[list[Candidate]]:
     for alone in (run for run in reversed(runs) if run.path not in met):
         raise _nothing_to_compare([*[run for run in runs if run is not alone][:1], alone])
     return groups
+
+
+def _alone(runs: Sequence[Run]) -> str:
+    """The cells that no other cell can be compared with, in words."""
+    alone = [group[0].name for group in groups_of(runs) if len(group) == 1]
+    return f"; without a partner: {', '.join(alone)}" if alone else ""
 
 
 def holm(p_values: Sequence[float | None]) -> list[float | None]:

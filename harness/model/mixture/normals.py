@@ -16,7 +16,7 @@ _MOST_POINTS = 20_000
 _PRIOR = 0.1
 """A component's scatter is shrunk to this share of the variances of all points, which weighs as
 much as one point."""
-_NARROWEST = 1e-5
+NARROWEST = 1e-5
 """Added to every variance, so that equal points have a covariance."""
 
 
@@ -51,7 +51,7 @@ def clustered_normals(
         rng: generator for the draws and the first centres.
     """
     share = weights / weights.sum()
-    variances = share @ (points - share @ points) ** 2 + _NARROWEST
+    variances = share @ (points - share @ points) ** 2 + NARROWEST
     units = np.sqrt(variances)
     drawn = rng.choice(len(points), min(len(points), _MOST_POINTS), p=share)
     with warnings.catch_warnings(), np.errstate(invalid="ignore"):
@@ -63,13 +63,12 @@ def clustered_normals(
     prior = _PRIOR * np.diag(variances)
     for k in range(count):
         own, weight = points[cluster == k], share[cluster == k]
-        effective = 0.0
         scatter = np.zeros_like(prior)
         if len(own):
             sizes[k] = weight.sum()
-            effective = sizes[k] ** 2 / (weight @ weight)
             locations[k] = weight @ own / sizes[k]
             away = own - locations[k]
             scatter = (away.T * weight) @ away / sizes[k]
-        scales[k] = (effective * scatter + prior) / (effective + 1.0)
-    return Normals(*frozen((sizes, locations, scales + _NARROWEST * np.eye(units.size))))
+        weighed = effective(weight)
+        scales[k] = (weighed * scatter + prior) / (weighed + 1.0)
+    return Normals(*frozen((sizes, locations, scales + NARROWEST * np.eye(units.size))))

@@ -7,7 +7,7 @@ import numpy as np
 
 from harness.core.freezing import frozen
 from harness.core.vocabulary import BoolArray, FloatArray
-from harness.model.mixture.normals import Normals, clustered_normals
+from harness.model.mixture.normals import NARROWEST, Normals, clustered_normals
 
 _POINTS, _MOST = 15, 24
 """Number of points per component, or four for each dimension if that is more; and the most
@@ -15,9 +15,6 @@ components."""
 
 _DIVERGENCE = 0.1
 """A number counts as nominal if its divergence in nats from a standard normal one is below this."""
-
-_NARROWEST = 1e-5
-"""Added to every variance before it is compared."""
 
 _WIDER, _WIDE_SHARE = 3.0, 0.3
 """The second copy of each component has this multiple of its standard deviations, and this share
@@ -100,7 +97,7 @@ def fitted(
     """
     size, share = y.shape[1], weights / weights.sum()
     mean = share @ y
-    variances = share @ (y - mean) ** 2 + _NARROWEST
+    variances = share @ (y - mean) ** 2 + NARROWEST
     free = standard & ((mean**2 + variances - 1 - np.log(variances)) / 2 < _DIVERGENCE)
     if free.all():
         return NormalMixture(*frozen((np.ones(1), np.zeros((1, size)), np.eye(size)[None])))
