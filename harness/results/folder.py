@@ -38,8 +38,8 @@ EVENTS = "events"
 
 COMPUTES = (
     "core/* measures/**/* model/interaction model/mixture/* scenario/* strategies/**/* "
-    "studies/risk/* encounter/arms results/catalogue results/columns results/estimators "
-    "results/finding results/cell_findings results/simulated results/student results/tables"
+    "studies/risk/* encounter/arms encounter/driver results/ca* results/cell_f* results/col* "
+    "results/estimators results/finding results/simulated results/student results/tables"
 )
 """The modules that make findings of rows; those of screens make none."""
 
