@@ -55,7 +55,8 @@ FAULTS: dict[str, Fault] = {
     "segfaults": lambda _: ctypes.string_at(0),
     "babbles": babble,
     "dawdles": lambda seen: time.sleep(2.5 * (seen.time_s < 0.35)) or 0.0,
-    "falls_back": lambda _: 0.0,
+    "fallback": lambda _: 0.0,
+    "model_use": lambda _: 0.0,
     "hangs": hang,
     "hangs_in_c": hang_in_c,
 }
@@ -81,7 +82,8 @@ class Faulty:
         segfaults: float = -1.0,
         babbles: float = -1.0,
         dawdles: float = -1.0,
-        falls_back: float = -1.0,
+        fallback: float = -1.0,
+        model_use: float = -1.0,
         hangs: float = -1.0,
         hangs_in_c: float = -1.0,
     ) -> None:
@@ -90,11 +92,10 @@ class Faulty:
         found = [name for name in FAULTS if given[name] == drawn]
         self.fault = FAULTS[found[0]] if found else None
 
-    @property
-    def fallback(self) -> bool:
-        if self.fault is FAULTS["falls_back"]:
+    def __getattr__(self, name: str) -> object:
+        if name in ("fallback", "model_use") and self.fault is FAULTS[name]:
             raise LookupError("on purpose")
-        return False
+        raise AttributeError(name)
 
     def decide(self, observation: Observation) -> object:
         if self.fault is not None and observation.time_s > 0.25:

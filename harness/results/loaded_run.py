@@ -212,8 +212,8 @@ def load_run(path: Path | str, settings: Mapping[str, Any] | None = None) -> Run
 def older_code(manifest: folders.Manifest) -> list[Note]:
     """The note that the code that makes rows has changed since a run, if it has."""
     command = "risk" if "risk" in manifest else "run"
-    text = "The code that makes the rows has changed since the run, which "
-    text += f"`harness {command}` of its folder simulates again."
+    text = "The code that makes rows has changed since this run. "
+    text += f"To simulate it again, call `harness {command}` with its folder."
     note = Note("older_code", FIRST, "older code", text)
     return [] if manifest["simulated_with"]["code"] == folders.code_of_rows() else [note]
 

@@ -365,10 +365,7 @@ def retries(again: int | None) -> list[Note]:
     """The note that so many tasks ran again because their process had died; None: unknown."""
     number = f"{again:,} in log.jsonl" if again else "unknown how many, if any: no whole log.jsonl"
     text = f"Tasks whose process had died were tried again ({number})."
-    note = Note(
-        "tried_again", len(RULES), "tried again", text, weight=0 if again is None else again
-    )
-    return [] if again == 0 else [note]
+    return [] if again == 0 else [Note("tried_again", len(RULES), "tried again", text)]
 
 
 def _by_arm(cell: CellFindings, key: str) -> str:

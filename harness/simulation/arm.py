@@ -1,6 +1,7 @@
 """One arm of a pair, step by step: who drives which passage; passages and people out."""
 
 import math
+from array import array
 from collections import defaultdict
 from collections.abc import Sequence
 from functools import partial
@@ -56,7 +57,7 @@ class SimulatedArm:
         self._pair, self._arm, self._model = pair, arm, model
         self.passages: list[Passage] = []
         self.uses: list[ModelUse] = []
-        self.times_s: list[float] = []
+        self.times_s = array("d")
         self._cars: dict[str, Car] = {}
         self._begun: dict[str, Car] = {}
         self._due: dict[int, list[Car]] = defaultdict(list)

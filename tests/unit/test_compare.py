@@ -121,13 +121,8 @@ def test_from_500_pairs_that_differ_on_an_interval_is_reliable(pairs: int, relia
 
 def test_what_has_no_interval_or_no_value_says_why() -> None:
     of = study({}, "arms.av=soft_yield,hard_yield")
-    failed = compare(
-        run_of(
-            of,
-            lambda scenario, _: ((FAILED if scenario.arms.av == "hard_yield" else 8.0), HUMAN_S),
-            5,
-        )
-    )
+    fates: dict[str, Fate] = {"soft_yield": 8.0, "hard_yield": FAILED}
+    failed = compare(run_of(of, lambda cell, _: (fates[cell.arms.av], HUMAN_S), 5))
     (row,) = failed.records
     for key in DIFFERENCES:
         assert (row[key].value, row[key].reason) == (None, "no pair counts in both")
@@ -154,6 +149,10 @@ def test_two_runs_are_told_apart_by_their_folders_and_share_their_first_pairs() 
     assert row["kappa_difference"].n == 20
     assert row["mu_difference"].value == pytest.approx(0.1)
     assert "20 to 30 pairs" in made.scope
+    flows = run_of(study({}, FLOWS), by_hand, 40, name="flows")
+    crowd = study({"arms.av": "hard_yield", "pedestrians.flow_per_hour": 250.0})
+    scope = compare(flows, run_of(crowd, by_hand, 40, name="crowd")).scope
+    assert scope.endswith("without a partner: flow_per_hour 50, soft_yield (flows)")
     # A note of a cell has its name, though neither run varies anything.
     late = compare(version("a", 9.0), replace_fates(version("b", 9.0), "timed_out"))
     (note,) = [note for note in late.notes if note.key == "left_out"]
