@@ -136,6 +136,6 @@ def check_arms(scenario: Scenario, model: InteractionModel) -> None:
         try:
             make_strategy(scenario, Arm(key), 0, model)
         except InputError as error:
-            raise error.at(f"{where}.{error.where.removeprefix(f'{name}.')}") from None
+            raise error.at(f"{where}.{error.where}") from None
         except (Exception, SystemExit) as error:
             raise InputError(where, f"cannot be made: {in_one_line(error)}") from None

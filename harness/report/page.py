@@ -280,7 +280,7 @@ def _facts(run: Run, result: Result) -> Iterator[tuple[str, str]]:
     for name, value in result.facts.items():
         yield name, plain_text(value)
     for key in run.study.cells[0].varied:
-        yield f"varied: {key}", _listed(plain_text(cell.varied[key]) for cell in run.study.cells)
+        yield f"varied: {key}", _first_few(plain_text(cell.varied[key]) for cell in run.study.cells)
     made = run.manifest["simulated_with"]
     yield "simulated with", ", ".join(f"{name} {each}" for name, each in made["versions"].items())
     for name, digest in made["strategies"].items():
@@ -298,11 +298,11 @@ def _scenario(run: Run) -> _Table:
     for cell in run.study.cells:
         for key, value in flatten(cell.scenario.model_dump()).items():
             values.setdefault(key, []).append(plain_text(value))
-    rows = [[_Cell(key), _Cell(_listed(texts))] for key, texts in values.items()]
+    rows = [[_Cell(key), _Cell(_first_few(texts))] for key, texts in values.items()]
     return _Table("scenario", "All keys of the scenario", ("key", "value"), rows)
 
 
-def _listed(texts: Iterable[str]) -> str:
+def _first_few(texts: Iterable[str]) -> str:
     """The distinct texts; of many, the first few."""
     each = list(dict.fromkeys(texts))
     return ", ".join(each[:_MOST_VALUES]) + (" …" if len(each) > _MOST_VALUES else "")

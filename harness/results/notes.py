@@ -132,7 +132,7 @@ def _few_pairs(cell: CellFindings) -> Iterator[Said]:
                 doubted.setdefault(entry.reliable_from, []).append(entry)
                 few.append(pairs if equal else found.n)
     if few:
-        names = {n: _listed([_name(one.heading) for one in each]) for n, each in doubted.items()}
+        names = {n: _series([_name(one.heading) for one in each]) for n, each in doubted.items()}
         least = ", ".join(f"{number:,} ({names[number]})" for number in sorted(names))
         text = f"Too few informative pairs (fewest: {min(few):,}): intervals unreliable (*) or "
         spread = any(entry.key == "cv" for each in doubted.values() for entry in each)
@@ -163,7 +163,7 @@ def _left_out(cell: CellFindings) -> Iterator[Said]:
     if used < pairs:
         text = f"The ratio of times uses {pairs - cell['not_in_time_ratio'].count:,} of {pairs:,} "
         text += f"pairs, μ and c_v use {used:,}."
-        yield Said(text, f"The others had {_listed(endings)}.", pairs - used)
+        yield Said(text, f"The others had {_series(endings)}.", pairs - used)
 
 
 def _fallback(cell: CellFindings) -> Iterator[Said]:
@@ -213,7 +213,7 @@ def _speeding(cell: CellFindings) -> Iterator[Said]:
 
 def _repeated(cell: CellFindings) -> Iterator[Said]:
     if names := [who for who, end in cell.arms if cell[f"kappa{end}"].reason == REPEATED]:
-        text = f"All {cell['pairs'].count:,} episodes are equal ({_listed(names)})."
+        text = f"All {cell['pairs'].count:,} episodes are equal ({_series(names)})."
         yield Said(text, "More pairs add nothing, and shares have no interval.", len(names))
 
 
@@ -222,10 +222,10 @@ def _equal(cell: CellFindings) -> Iterator[Said]:
     for entry in on_first_screen(cell):
         own = ends[: len(entry.keys)]
         if who := [who for who, end in own if cell[f"{entry.key}{end}"].reason == EQUAL]:
-            whose = f" ({_listed(who)})" if len(own) > 1 else ""
+            whose = f" ({_series(who)})" if len(own) > 1 else ""
             names.append(_name(entry.heading) + whose)
     if names:
-        text = f"The same in every pair, so without an interval: {_listed(names)}."
+        text = f"The same in every pair, so without an interval: {_series(names)}."
         yield Said(text, weight=len(names))
 
 
@@ -244,7 +244,7 @@ def _collisions(cell: CellFindings) -> Iterator[Said]:
     more = {key: cell[key].count - cell[f"{key}_human"].count for key in known}
     named = (f"{key.replace('_', ' ')} ({_by_arm(cell, key)})" for key in known if more[key] > 0)
     if parts := [*named]:
-        text = f"More than with the reference: {_listed(parts)}."
+        text = f"More than with the reference: {_series(parts)}."
         yield Said(text, weight=sum(more.values()))
 
 
@@ -285,7 +285,7 @@ def _fills(cell: CellFindings) -> Iterator[Said]:
         if share and due and share > max(GROWTH, CHANCE * math.sqrt(3 * VARIANCE / max(due, 3))):
             growth[f"{100 * share:.0f} % of those due in a third of the time ({who})"] = share
     if growth:
-        text = f"The roads fill: the number of vehicles grows by {_listed([*growth])}."
+        text = f"The roads fill: the number of vehicles grows by {_series([*growth])}."
         more = "A longer simulation would have longer delays."
         yield Said(text, more, max(growth.values()))
         return
@@ -378,7 +378,7 @@ def _name(heading: str) -> str:
     return heading.partition(", ")[0].partition(" {")[0]
 
 
-def _listed(names: Sequence[str]) -> str:
+def _series(names: Sequence[str]) -> str:
     """The distinct names as ``a, b and c``."""
     *first, last = dict.fromkeys(names)
     return f"{', '.join(first)} and {last}" if first else last

@@ -31,7 +31,7 @@ def planned_cells(
         InputError: a key varies twice or is also set, or a key has no list of values.
     """
     sweep = None if variations else as_plain(file.sweep)
-    grid: list[Variation] = [(key, _listed(of, inside(source, key))) for key, of in variations]
+    grid: list[Variation] = [(key, _values_of(of, inside(source, key))) for key, of in variations]
     points = sweep if isinstance(sweep, list) else None
     if isinstance(sweep, dict) and "cells" in sweep:
         points = _named_cells(sweep, source)
@@ -76,7 +76,7 @@ def parse_variation(text: str) -> Variation:
     return key.strip(), values
 
 
-def _listed(values: Any, where: Place) -> list[Any]:
+def _values_of(values: Any, where: Place) -> list[Any]:
     """The values of a key; a single value is refused."""
     if isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
         raise InputError(where, f"{shortened(values)} is not a list", "a list of values")
@@ -88,7 +88,7 @@ def _lists_of(table: Mapping[str, Any], where: Place) -> list[Variation]:
     flat = flatten(table)
     if not flat:
         raise InputError(where, "nothing to vary", "a list of values for each key that varies")
-    return [(key, _listed(values, f"{where}.{key}")) for key, values in flat.items()]
+    return [(key, _values_of(values, f"{where}.{key}")) for key, values in flat.items()]
 
 
 def _named_cells(table: Mapping[str, Any], where: Place) -> list[dict[str, Any]]:

@@ -10,6 +10,7 @@ from harness.simulation.cars import Passage
 from harness.simulation.own_people import OWN_PREFIX, OwnPeople
 from harness.simulation.walk import WAITING_M, SumoPerson, Walked
 from harness.site.town import Crosswalk
+from harness.site.zone import Zone
 from harness.strategies.perception.sensor import Sensor
 from harness.strategies.perception.updates import Updates, track_from
 
@@ -37,7 +38,7 @@ class PeopleAt:
         self._came: list[SumoPerson] = []
         self._noted_s = -math.inf
         self._now: list[PedestrianView] | None = None
-        self._views: dict[int, tuple[PedestrianView, ...]] = {}
+        self._views: dict[Zone, tuple[PedestrianView, ...]] = {}
 
     def note(self, time_s: float) -> None:
         """Note where SUMO's people are at the end of a step."""
@@ -92,10 +93,10 @@ class PeopleAt:
             self._views.clear()
         if not self._now:
             return ()
-        key = id(passage.at.zone)
-        if key not in self._views:
-            self._views[key] = tuple(_turned(view, passage) for view in self._now)
-        return self._views[key]
+        zone = passage.at.zone
+        if zone not in self._views:
+            self._views[zone] = tuple(_turned(view, passage) for view in self._now)
+        return self._views[zone]
 
     def seen_by(self, passage: Passage, sensor: Sensor, pair: int) -> Callable[[bool], Views]:
         """What a driver sees at each step by a sensor: late, in part, or with errors.

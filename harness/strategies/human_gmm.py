@@ -38,7 +38,7 @@ class HumanGmm:
         reading: Literal["given_time_advantage", "marginal"] = "given_time_advantage",
         speed: Literal["mode", "sampled"] = "mode",
     ) -> None:
-        check_steps("human_gmm.decision_interval_s", decision_interval_s, step_s, 1)
+        check_steps("decision_interval_s", decision_interval_s, step_s, 1)
         self._model, self._rng = model, rng
         self.model_use = ModelUseCounter(model)
         self._interval_s = decision_interval_s

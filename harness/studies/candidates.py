@@ -73,7 +73,7 @@ def groups_of(runs: Sequence[Run]) -> list[list[Candidate]]:
     for run in runs:
         name = run.path.name if names[run.path.name] == 1 else str(run.path)
         for cell in run.cells:
-            key = _frozen(without_av(cell.scenario))
+            key = _as_text(without_av(cell.scenario))
             members.setdefault(key, []).append((run, cell, name if len(runs) > 1 else ""))
     return [_group(cells) for cells in members.values()]
 
@@ -120,16 +120,16 @@ def _group(cells: Sequence[tuple[Run, CellFindings, str]]) -> list[Candidate]:
     found: dict[str, Candidate] = {}
     for (run, cell, origin), own in zip(cells, owns, strict=True):
         alike = [other for other in owns if other["arms.av"] == own["arms.av"]]
-        varied = [key for key in own if len({_frozen(other.get(key)) for other in alike}) > 1]
+        varied = [key for key in own if len({_as_text(other.get(key)) for other in alike}) > 1]
         swept = [key for key in cell.varied if key in own and key != "arms.av"]
         told = dict.fromkeys([*varied, *swept])
         words = [f"{key.rpartition('.')[2]}={as_written(own[key])}" for key in told]
         label = " ".join([own["arms.av"], *words, *([f"({origin})"] if origin else [])])
         shared = {key: value for key, value in cell.varied.items() if key not in of_any}
         candidate = Candidate(run, cell, label, shared, tuple(swept), origin)
-        found.setdefault(_frozen([origin, own]), candidate)
+        found.setdefault(_as_text([origin, own]), candidate)
     return [*found.values()]
 
 
-def _frozen(value: object) -> str:
+def _as_text(value: object) -> str:
     return json.dumps(value, sort_keys=True, default=str)

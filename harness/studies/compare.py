@@ -166,7 +166,9 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
             of the runs.
     """
     _refuse_runs(runs)
-    groups = _comparable(runs)
+    every = groups_of(runs)
+    groups = [group for group in every if len(group) > 1]
+    _refuse_unrelated(runs, groups)
     for group in groups:
         _refuse_other_people(group)
     kind = _KINDS[runs[0].kind]
@@ -184,7 +186,7 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
     return Result(
         command="compare",
         title=f"{runs[0].name}: {counted}, pair by pair, of {drivers(cells)}",
-        scope=f"{scope_of(cells, facts)}; p by Holm over the table{_alone(runs)}",
+        scope=f"{scope_of(cells, facts)}; p by Holm over the table{_alone(every)}",
         about=place_in_words([cell.scenario for cell in cells]),
         screen=_screen(rows[:MOST_ROWS], p_holm[kind.differences[0].key], kind),
         full=(
@@ -232,20 +234,18 @@ def _refuse_runs(runs: Sequence[Run]) -> None:
             raise InputError(str(run.path), "is named twice", "different runs")
 
 
-def _comparable(runs: Sequence[Run]) -> list[list[Candidate]]:
-    """The groups of several cells; every one of several runs must share one with another run."""
-    groups = [group for group in groups_of(runs) if len(group) > 1]
+def _refuse_unrelated(runs: Sequence[Run], groups: Sequence[Sequence[Candidate]]) -> None:
+    """Refuse runs none of whose cells can be compared, if there are several with another run's."""
     least = min(len(runs), 2)
     joint = [group for group in groups if len({each.origin for each in group}) >= least]
     met = {each.run.path for group in joint for each in group}
     for alone in (run for run in reversed(runs) if run.path not in met):
         raise _nothing_to_compare([*[run for run in runs if run is not alone][:1], alone])
-    return groups
 
 
-def _alone(runs: Sequence[Run]) -> str:
+def _alone(groups: Sequence[Sequence[Candidate]]) -> str:
     """The cells that no other cell can be compared with, in words."""
-    alone = [group[0].name for group in groups_of(runs) if len(group) == 1]
+    alone = [group[0].name for group in groups if len(group) == 1]
     return f"; without a partner: {', '.join(alone)}" if alone else ""
 
 
@@ -386,41 +386,39 @@ def _of_all(of: Difference, rows: Sequence[ComparedPair], p_holm: Sequence[float
 def _notes(
     rows: Sequence[ComparedPair], p_holm: Mapping[str, Sequence[float | None]], kind: _Kind
 ) -> list[Note]:
-    """Notes on rows: more crashes, an unreliable interval of A − B, or none."""
+    """The notes on rows; each ranks with the rule of runs whose news are as bad."""
     worse, (key, does) = [], kind.worse
     for (a, b, found), p in zip(rows, p_holm[key], strict=True):
         value = found[key].value
         if value and p is not None and p < SIGNIFICANT:
-            worse.append((a, b) if value > 0 else (b, a))
-    rank_of = {rule.key: rank for rank, rule in enumerate(RULES)}
+            one, other = (a, b) if value > 0 else (b, a)
+            worse.append(f"{one.name} {does} more often than {other.label}")
+    others, among = len(worse) - 1, f"of {len(rows):,} rows"
+    similar = f" (similar in {others:,} more row{'s' * (others > 1)})" if others > 0 else ""
     of_times = [row.found[kind.differences[0].key] for row in rows]
     unsure = [each for each in of_times if each.reliable is False or each.reason == FEW]
     few = [each.n for each in unsure if each.n is not None]
-    equal, among = sum(each.reason == EQUAL for each in of_times), f"of {len(rows):,}"
+    least = kind.differences[0].reliable_from or RELIABLE_PAIRS
     shares = sum(row.a.av_share != row.b.av_share for row in rows)
-    cut = [row for row in rows if _apart(row.a, row.b)]
-    notes = []
-    if worse:
-        (one, other), others = worse[0], len(worse) - 1
-        text = f"{one.name} {does} more often than {other.label}"
-        text += f" (similar in {others:,} more row{'s' * (others > 1)})." if others else "."
-        # It is as bad news as the note of simulations on collisions of vehicles.
-        notes.append(Note("more_crashes", rank_of["collisions"], "more crashes", text))
-    if few:
-        text = f"In {len(few):,} {among} rows A − B is unreliable (*): few pairs differ (fewest: "
-        least = kind.differences[0].reliable_from or RELIABLE_PAIRS
-        text, more = f"{text}{min(few):,}).", f"It is reliable from {least:,} on."
-        notes.append(Note("few_differ", rank_of["few_pairs"], "few pairs differ", text, more))
-    if shares:
-        text = f"In {shares:,} {among} rows A and B have different shares of AVs, so numbers of AVs"
-        text += " and of others are of different vehicles."
-        more = "Compare those of all vehicles (--full)."
-        notes.append(Note("other_avs", rank_of["few_pairs"], "other vehicles are AVs", text, more))
-    if cut:
-        text = f"In {len(cut):,} {among} rows A − B is over the pairs that count in both cells, and"
-        text += " a cell's own number over all that count in it, so A − B may differ from them."
-        notes.append(Note("common_pairs", rank_of["left_out"], "A − B over common pairs", text))
-    if equal:
-        text = f"In {equal:,} {among} rows A − B is the same in every pair, so it has no interval."
-        notes.append(Note("equal_rows", rank_of["equal"], "equal in every pair", text))
-    return notes
+    cut, equal = sum(_apart(*row[:2]) for row in rows), sum(f.reason == EQUAL for f in of_times)
+    rank_of = {rule.key: rank for rank, rule in enumerate(RULES)}
+    said = (
+        ("more_crashes", "more crashes", rank_of["collisions"], worse,
+         f"{''.join(worse[:1])}{similar}.", ""),
+        ("few_differ", "few pairs differ", rank_of["few_pairs"], few,
+         f"In {len(few):,} {among} A − B is unreliable (*): few pairs differ (fewest: "
+         f"{min(few, default=0):,}).", f"It is reliable from {least:,} on."),
+        ("other_avs", "other vehicles are AVs", rank_of["few_pairs"], shares,
+         f"In {shares:,} {among} A and B have different shares of AVs, so numbers of AVs and of "
+         "others are of different vehicles.", "Compare those of all vehicles (--full)."),
+        ("common_pairs", "A − B over common pairs", rank_of["left_out"], cut,
+         f"In {cut:,} {among} A − B is over the pairs that count in both cells, and a cell's own "
+         "number over all that count in it, so A − B may differ from them.", ""),
+        ("equal_rows", "equal in every pair", rank_of["equal"], equal,
+         f"In {equal:,} {among} A − B is the same in every pair, so it has no interval.", ""),
+    )  # fmt: skip
+    return [
+        Note(key, rank, label, first, more)
+        for key, label, rank, holds, first, more in said
+        if holds
+    ]
