@@ -19,7 +19,7 @@ from harness.engine.plain import PlainEngine
 from harness.model.interaction import load_model
 from harness.results import estimators
 from harness.results.cell_findings import cell_findings
-from harness.results.columns import AV, Sample
+from harness.results.columns import AV, PairSample
 from harness.results.estimators import CONFIDENCE
 from harness.results.finding import Finding
 from harness.results.rows import episode_rows
@@ -76,14 +76,14 @@ def of_a_cell(cells: Cells, scenario: Scenario) -> Iterator[Named]:
 
 def of_differences(cells: Cells, scenario: Scenario) -> Iterator[Named]:
     """What a comparison of two cells gives an interval."""
-    first, second = (Sample(of, scenario, CONFIDENCE) for of in cells)
+    first, second = (PairSample(of, scenario, CONFIDENCE) for of in cells)
     for each in DIFFERENCES:
         yield f"A − B: {each.key}", each.of(first, second, first.samplings[AV])
 
 
 def of_a_sweep(cells: Cells, scenario: Scenario) -> Iterator[Named]:
     """The upper bound of μ at one of ``SWEPT`` values; it should hold in 1 − 0.05/16."""
-    sample = Sample(cells[0], scenario, CONFIDENCE)
+    sample = PairSample(cells[0], scenario, CONFIDENCE)
     sampling = sample.samplings[AV]._replace(confidence=1 - (1 - CONFIDENCE) / SWEPT)
     mu = estimators.mean(sample["tau_all"], sampling)
     yield "mu_bound", Finding(mu.value, None if mu.low is None else -np.inf, mu.high, mu.n)

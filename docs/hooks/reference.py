@@ -135,6 +135,8 @@ def values_of(schema: Mapping[str, Any]) -> str:
         return ", ".join(f"`{value}`" for value in schema["enum"])
     if "items" in schema:
         return f"a list: {values_of(schema['items'])}"
+    if "additionalProperties" in schema:
+        return f"a table: {values_of(schema['additionalProperties'])}"
     bounds = [form.format(number(schema[key])) for key, form in BOUNDS.items() if key in schema]
     kind = TYPES.get(schema.get("type", ""), "text")
     return " ".join([kind, ", ".join(bounds)]) if bounds else kind
@@ -151,7 +153,7 @@ def default_of(section: type[BaseModel], name: str) -> str:
     if field.is_required():
         return "required"
     value = field.get_default(call_default_factory=True, validated_data={})
-    if value in (None, (), ""):
+    if value in (None, (), "", {}):
         return "none"
     return f"`{str(value).lower() if isinstance(value, bool) else value}`"
 

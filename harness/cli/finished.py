@@ -21,9 +21,17 @@ def show(
     as_json: options.JsonOption = False,
 ) -> None:
     """Print the screen of a run or risk estimate again, or with other thresholds of conflicts."""
-    from harness.studies import result_of
+    from harness.results.folder import read_manifest
 
-    result = result_of(run_folder, options.changes_of(settings))
+    changes = options.changes_of(settings)
+    if read_manifest(run_folder)["kind"] == "risk" and not changes:
+        from harness.studies.risk.estimate import read_risk
+
+        result = read_risk(run_folder)
+    else:
+        from harness.results.loaded_run import load_run
+
+        result = load_run(run_folder, changes).result()
     show_result(result, full=full, as_json=as_json)
 
 

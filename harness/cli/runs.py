@@ -2,7 +2,7 @@
 
 import logging
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
@@ -76,12 +76,20 @@ def resume(
     """Continue an interrupted run or risk estimate."""
     from harness.results.folder import read_manifest
     from harness.scenario.study import study_from
-    from harness.studies import resumed
 
-    driven = study_from(read_manifest(run_folder), str(run_folder)).driven
+    manifest = read_manifest(run_folder)
+    driven = study_from(manifest, str(run_folder)).driven
     bar = progress_bar(quiet or as_json, "done")
     with bar as advance, unwinding(), _cluster(dask, workers, driven) as cluster:
-        result = resumed(run_folder, workers=workers, executor=cluster, progress=advance)
+        how: dict[str, Any] = {"workers": workers, "executor": cluster, "progress": advance}
+        if manifest["kind"] == "risk":
+            from harness.studies.risk.estimate import resume_risk
+
+            result = resume_risk(run_folder, **how)
+        else:
+            from harness.studies.running.run import resume as resume_run
+
+            result = resume_run(run_folder, **how).result()
     show(result, [run_folder], full=full, quiet=quiet, as_json=as_json)
 
 

@@ -8,12 +8,12 @@ import re
 import tomllib
 import unicodedata
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeVar, get_args
+from typing import Annotated, Any, TypeVar, get_args
 
 import numpy as np
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
-from harness.core.errors import InputError, unknown_name
+from harness.core.errors import InputError, brief, nearest_name, unknown_name
 
 MAX_DEPTH = 40
 """Greatest nesting of tables and lists; a scenario needs six levels, a model file five."""
@@ -21,7 +21,13 @@ MAX_DEPTH = 40
 JsonObject = dict[str, Any]
 """An object of a JSON document, or a table of a TOML file."""
 
-Form = TypeVar("Form", bound=BaseModel)
+Filled = TypeVar("Filled", bound=BaseModel)
+"""A form with a document's values."""
+
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Share = Annotated[float, Field(ge=0, le=1)]
+"""Numbers of a range, for the fields of forms."""
 
 
 def parse_toml(text: str) -> JsonObject:
@@ -49,7 +55,7 @@ def parse_json(content: str | bytes) -> Any:
     return document
 
 
-def check_form(form: type[Form], document: Any, where: str) -> Form:
+def check_form(form: type[Filled], document: Any, where: str) -> Filled:
     """A parsed document as a record of a given class.
 
     Args:
@@ -76,7 +82,9 @@ def check_form(form: type[Form], document: Any, where: str) -> Form:
     allowed = _TOML_WORDS.get(first["type"], message[0].lower() + message[1:])
     if first["type"] == "float_type" and (named_unit := unit_of(path[-1])) is not None:
         allowed += f", in {named_unit[1]}"
-    raise InputError(key, f"{shortened(first['input'])} is not accepted", allowed)
+    names = re.findall(r"'(\w+)'", message) if first["type"] == "literal_error" else ()
+    near = nearest_name(str(first["input"]), names)
+    raise InputError(key, f"{brief(first['input'])} is not accepted", allowed, near)
 
 
 _BARE = re.compile(r"[\w-]+")
@@ -128,12 +136,6 @@ def unit_of(name: str) -> tuple[str, str] | None:
     (('_mps2', 'm/s²'), None)
     """
     return next((each for each in _ENDINGS.items() if name.endswith(each[0])), None)
-
-
-def shortened(value: Any) -> str:
-    """A value in the form in which messages show it: at most 60 characters."""
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def as_plain(value: Any) -> Any:

@@ -1,17 +1,25 @@
-"""The errors that the package raises for a caller to handle.
+"""The errors that the package raises for a caller to handle, and the checks of arguments.
 
 Every message is one line.  It has the place, the problem, the allowed values and, for a misspelt
 name, the nearest valid name.
 """
 
 import difflib
+import inspect
+import os
 import re
 import shlex
 import traceback
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import wraps
+from numbers import Integral, Real
 from pathlib import Path
-from typing import NamedTuple, Self
+from types import UnionType
+from typing import Any, Literal, NamedTuple, ParamSpec, Self, TypeVar, Union, get_args, get_origin
+
+Asked = ParamSpec("Asked")
+Answer = TypeVar("Answer")
 
 _FRAMES = 20
 """Number of a strategy's innermost traceback frames that are kept."""
@@ -181,15 +189,15 @@ def in_shell(text: str) -> str:
 _ADVISED = re.compile(r'harness\.(\w+)\("(.+?)"\)')
 
 
-def unknown_name(where: Place, kind: str, name: str, valid: Iterable[str]) -> InputError:
+def unknown_name(where: Place, kind: str, name: object, valid: Iterable[str]) -> InputError:
     """The error for a name that is not in a known set; it holds the nearest valid name."""
     names = sorted(valid)
     allowed = ", ".join(names) or f"none: there is no {kind}"
-    return InputError(where, f"unknown {kind} {name!r}", allowed, nearest_name(name, names))
+    return InputError(where, f"unknown {kind} {name!r}", allowed, nearest_name(str(name), names))
 
 
 def nearest_name(name: str, valid: Iterable[str]) -> str | None:
-    """The valid name closest to a misspelt or shortened one; None if none is similar.
+    """The valid name closest to a misspelt or brief one; None if none is similar.
 
     >>> nearest_name("flow", ["speed", "flow_per_hour"])
     'flow_per_hour'
@@ -224,3 +232,72 @@ def in_one_line(error: BaseException) -> str:
     text = error.msg if isinstance(error, SyntaxError) else str(error)
     place = place_of(error)
     return f"{type(error).__name__}: {text}" + (f" ({place})" if place else "")
+
+
+def brief(value: Any) -> str:
+    """A value in the form in which messages show it: at most 60 characters."""
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+_ALSO: dict[Any, Any] = {int: Integral, float: Real, Path: os.PathLike}
+"""What stands for a class in annotations."""
+
+_EXCEPT = ((bool, int), (bool, float), (str, Sequence))
+"""Values of Python that are of a kind which a caller does not mean by them."""
+
+
+def checked(function: Callable[Asked, Answer]) -> Callable[Asked, Answer]:
+    """The function, which first refuses arguments that its annotations do not allow.
+
+    The values of dictionaries are not looked at.  An annotation in quotes, or none at all, allows
+    anything.
+
+    Raises:
+        InputError: an argument is refused; names the parameter.
+        TypeError: an argument is missing or has an unknown name, as in every call.
+    """
+    signature = inspect.signature(function)
+
+    @wraps(function)
+    def call(*args: Asked.args, **kwargs: Asked.kwargs) -> Answer:
+        for name, value in signature.bind(*args, **kwargs).arguments.items():
+            parameter = signature.parameters[name]
+            several = parameter.kind is inspect.Parameter.VAR_POSITIONAL
+            for each in value if several else [value]:
+                _check(name, each, parameter.annotation)
+        return function(*args, **kwargs)
+
+    return call
+
+
+def _check(name: str, value: Any, annotation: Any) -> None:
+    united = get_origin(annotation) in (Union, UnionType)
+    names: list[str] = []
+    for option in get_args(annotation) if united else [annotation]:
+        kind = get_origin(option) or option
+        if kind is Literal:
+            names += get_args(option)
+        elif kind in (Any, inspect.Parameter.empty) or isinstance(kind, str):
+            return
+        elif isinstance(value, _ALSO.get(kind, kind)) and (type(value), kind) not in _EXCEPT:
+            for number, part in enumerate(value if kind is Sequence else ()):
+                _check(f"{name}[{number}]", part, *get_args(option))
+            return
+    if isinstance(value, str) and value in names:
+        return
+    if isinstance(value, str) and names:
+        raise unknown_name(Parameter(name), name, value, names)
+    allowed = re.sub(r"\b\w+\.", "", inspect.formatannotation(annotation))
+    raise InputError(Parameter(name), f"{brief(value)} is not accepted", allowed)
+
+
+def whole_number(where: Place, value: Any, least: int) -> int:
+    """A whole number of Python or NumPy, at least ``least``, as an ``int``.
+
+    Raises:
+        InputError: the value is anything else; ``where`` names the option.
+    """
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
+        raise InputError(where, f"{value!r} is not accepted", f"a whole number, {least} or more")
+    return int(value)

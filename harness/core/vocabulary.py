@@ -26,6 +26,12 @@ Behaviour = Literal["constant", "gap_acceptance", "threshold", "reactive"]
 FailedIn = Literal["strategy", "engine"]
 """What failed in an episode: the strategy that drove, or the engine or its process."""
 
+EngineName = Literal["sumo", "plain"]
+"""SUMO, or the same kinematics in plain Python; the engine changes no pair's result."""
+
+Progress = Callable[[int, int], None]
+"""Receives the numbers of finished and planned pieces of work."""
+
 StepMotion = Literal["ballistic", "euler"]
 """How a vehicle moves within a step: with constant acceleration, or at the step's last speed."""
 
@@ -39,13 +45,18 @@ STOP_BEFORE_M = 1.0
 """The stop line is this far before the near edge of the crosswalk (the paper's Hard-Yield)."""
 
 ROUNDING = 1e-9
-"""Tolerance of thresholds in m, m/s and s: engines differ in the last bits of their sums."""
+"""Tolerance of thresholds in m, m/s and s: engines differ in the last bits of their sums.  Of other
+numbers it is a relative tolerance, for the same reason."""
 
 SPEED_ROUNDING = 1e-6
 """Relative tolerance: a speed counts as above a limit only if it exceeds it by more than this."""
 
 SECONDS_PER_HOUR = 3600.0
 """Flows are per hour, times in seconds."""
+
+
+def ignore(*_: object) -> None:
+    """A callback that does nothing."""
 
 
 class Arm(StrEnum):

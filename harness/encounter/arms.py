@@ -41,7 +41,7 @@ def arm_key(scenario: Scenario, arm: Arm) -> str | None:
     return repr((arm, drives, sensor_of(scenario, arm), scenario.vehicle(arm)))
 
 
-def draws(scenario: Scenario, driver: Arm) -> bool:
+def draws_numbers(scenario: Scenario, driver: Arm) -> bool:
     """Whether a driver's strategy uses random numbers."""
     return "rng" in needs(find_strategy(scenario.arms.driver(driver), "arms"))
 

@@ -12,7 +12,7 @@ class CellConstants:
     """The cell's constants.
 
     Pedestrians step off if the next vehicle needs at least ``pedestrians.kerb_wait_s`` to arrive
-    (``deciding.keeps_waiting``).  A pedestrian's critical gap, if there is one, replaces it.
+    (``deciding.must_wait``).  A pedestrian's critical gap, if there is one, replaces it.
     """
 
     vehicle: Vehicle

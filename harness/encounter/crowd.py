@@ -5,18 +5,11 @@ from collections.abc import Callable, Sequence
 
 from harness.core.vocabulary import Arrival, Side, Views, arrives_s
 from harness.encounter.cell_constants import CellConstants
-from harness.encounter.deciding import (
-    Approaching,
-    KerbLane,
-    Threat,
-    blocking,
-    keeps_waiting,
-    threats,
-)
+from harness.encounter.deciding import Approaching, KerbLane, Threat, blocking, must_wait, threats
 from harness.encounter.walkers import (
     ChooseSpeed,
     ReactiveWalker,
-    Seen,
+    SeenCar,
     TimedWalker,
     Walker,
     chosen_speed,
@@ -157,7 +150,7 @@ class Crowd:
                 continue
             x_m, speed_mps, vehicle = first
             to_edge_m = -x_m - self._half_width_m
-            if keeps_waiting(to_edge_m, speed_mps, vehicle.acceleration_mps2, wait_s):
+            if must_wait(to_edge_m, speed_mps, vehicle.acceleration_mps2, wait_s):
                 reaches_s = to_edge_m / speed_mps if speed_mps > 0 else 0.0
                 if nearest is None or reaches_s < first_s:
                     nearest, first_s = vehicle, reaches_s
@@ -205,7 +198,7 @@ class Crowd:
 
     def _speed_before_traffic(
         self, walker: Walker, elapsed_s: float, leader: Arrival | None = None
-    ) -> tuple[float, Seen | None]:
+    ) -> tuple[float, SeenCar | None]:
         """The speed at which they step off, and the vehicle that it depends on.
 
         If a leader is given, it is the speed at which the leader would step off.
@@ -225,11 +218,11 @@ class Crowd:
             walked_m = abs(walker.walk_until(walker.look_s) - self._kerb_m[walker.side])
         walker.look(self._first_on_way(walker, walked_m, elapsed_s))
 
-    def _first_on_way(self, walker: Walker, walked_m: float, elapsed_s: float) -> Seen | None:
+    def _first_on_way(self, walker: Walker, walked_m: float, elapsed_s: float) -> SeenCar | None:
         """The first vehicle ahead; lanes within ``walked_m`` of the kerb are left out."""
         for lane in self._on_way[walker.side]:
             across_m = abs(lane.centre_m - self._kerb_m[walker.side])
             first = lane.first(elapsed_s) if across_m > walked_m else None
             if first is not None:
-                return Seen(-first[0], first[1], across_m, first[2].vehicle)
+                return SeenCar(-first[0], first[1], across_m, first[2].vehicle)
         return None

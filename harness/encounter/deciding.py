@@ -82,9 +82,7 @@ class KerbLane:
         return next(self.ahead(elapsed_s), None)
 
 
-def keeps_waiting(
-    to_edge_m: float, speed_mps: float, acceleration_mps2: float, wait_s: float
-) -> bool:
+def must_wait(to_edge_m: float, speed_mps: float, acceleration_mps2: float, wait_s: float) -> bool:
     """The kerb rule: whether a pedestrian waits for this vehicle.
 
     They wait while the vehicle is on the crosswalk.  They also wait while its front, at its present

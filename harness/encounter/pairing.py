@@ -10,7 +10,7 @@ import numpy as np
 
 from harness.core.errors import InputError, StrategyError, in_one_line
 from harness.core.seeding import Given
-from harness.core.vocabulary import Arm, Arrival, Ending, Trace
+from harness.core.vocabulary import Arm, Arrival, Ending, Trace, ignore
 from harness.encounter.arms import check_arms, make_strategy, uses_of
 from harness.encounter.arrivals import already_walking, planned_arrivals
 from harness.encounter.cell_constants import constants_of
@@ -30,10 +30,6 @@ ArmOfPair = tuple[Arm, int]
 
 Begins = Callable[[int, Arm, Episode], None]
 """A callback with the pair, the arm and the episode that begins."""
-
-
-def _ignore(*_: object) -> None:
-    """A callback that does nothing."""
 
 
 class PairRunner:
@@ -62,11 +58,11 @@ class PairRunner:
     def run(
         self,
         pairs: Iterable[int],
-        begins: Begins = _ignore,
-        on_pair: Callable[[], None] = _ignore,
+        begins: Begins = ignore,
+        on_pair: Callable[[], None] = ignore,
         known: Mapping[ArmOfPair, Outcome] = MappingProxyType({}),
         arms: Sequence[Arm] = tuple(Arm),
-        asks: Callable[[int, Arm], None] = _ignore,
+        asks: Callable[[int, Arm], None] = ignore,
     ) -> Iterator[Outcome]:
         """Simulate both arms of every pair in the given order, the AV's first.
 
@@ -98,8 +94,8 @@ class PairRunner:
         self,
         arm: Arm,
         pairs: Iterable[tuple[int, Given]],
-        on_episode: Callable[[], None] = _ignore,
-        begins: Begins = _ignore,
+        on_episode: Callable[[], None] = ignore,
+        begins: Begins = ignore,
     ) -> Iterator[Outcome]:
         """Simulate one arm of every pair with some given uniforms.
 

@@ -23,7 +23,7 @@ LOOK_EVERY_S = 1.0
 """Time between two looks of a reactive pedestrian after they stepped off."""
 
 
-class Seen(NamedTuple):
+class SeenCar(NamedTuple):
     """The vehicle that a pedestrian sees: range, speed, and its size.
 
     ``to_lane_m`` is the distance from their kerb to the centre of the vehicle's lane.
@@ -44,7 +44,7 @@ class ChooseSpeed(Protocol):
         """Walking speed in m/s, > 0, from the vehicle's range and speed; None: there is none."""
 
 
-def chosen_speed(choose: ChooseSpeed, person: Arrival, seen: Seen | None) -> float:
+def chosen_speed(choose: ChooseSpeed, person: Arrival, seen: SeenCar | None) -> float:
     """The walking speed of a pedestrian who sees a vehicle, or none."""
     return choose(person, None, None) if seen is None else choose(person, *seen[:2])
 
@@ -62,7 +62,7 @@ class Walker:
         self.index, self.side = arrival.index, arrival.side
         self.start_s: float | None = None
         self.wanted_mps: float | None = None
-        self.seen: Seen | None = None
+        self.seen: SeenCar | None = None
         self.legs: list[Leg] | None = None
         self.due_s, self.look_s = -math.inf, math.inf
         self._start_s, self._base_m, self._speed_mps, self._progress_m = 0.0, 0.0, 0.0, 0.0
@@ -71,13 +71,13 @@ class Walker:
         self._kerb_m, self._direction = (0.0, 1.0) if near else (crossing.length_m, -1.0)
         self._to_lane_m = crossing.to_lane_m(self.side)
 
-    def step_off(self, time_s: float, speed_mps: float, seen: Seen | None) -> None:
+    def step_off(self, time_s: float, speed_mps: float, seen: SeenCar | None) -> None:
         """Leave the kerb at a speed, having seen a vehicle or none."""
         self._start_s, self._speed_mps = time_s, speed_mps
         self.start_s, self.wanted_mps, self.seen = time_s, speed_mps, seen
         self.due_s = time_s + self._length_m / speed_mps
 
-    def look(self, seen: Seen | None) -> None:
+    def look(self, seen: SeenCar | None) -> None:
         """Decide again at ``look_s``; a steady walker never does."""
 
     def walk_until(self, time_s: float) -> float:
@@ -114,7 +114,7 @@ class TimedWalker(Walker):
         self.look_s, self.due_s = self._path[0].time_s, math.inf
         self._progress_m = self._along(self._path[0].y_m)
 
-    def look(self, seen: Seen | None) -> None:
+    def look(self, seen: SeenCar | None) -> None:
         """Start on the path; the vehicle that they see is recorded and changes nothing."""
         self.start_s, self.legs = self.look_s, list(self._path)
         self.wanted_mps = abs(self._path[-1].y_mps)
@@ -153,13 +153,13 @@ class ReactiveWalker(Walker):
         super().__init__(arrival, crossing)
         self._choose = choose
 
-    def step_off(self, time_s: float, speed_mps: float, seen: Seen | None) -> None:
+    def step_off(self, time_s: float, speed_mps: float, seen: SeenCar | None) -> None:
         """See ``Walker.step_off``."""
         super().step_off(time_s, speed_mps, seen)
         self.look_s = time_s + LOOK_EVERY_S
         self._note_leg()
 
-    def look(self, seen: Seen | None) -> None:
+    def look(self, seen: SeenCar | None) -> None:
         """See ``ReactiveWalker``."""
         now = self.look_s
         self.look_s = now + LOOK_EVERY_S
@@ -181,7 +181,7 @@ class ReactiveWalker(Walker):
         leg = Leg(self._start_s, 0.0, y, 0.0, self._direction * self._speed_mps, 0.0)
         self.legs = [*(self.legs or ()), leg]
 
-    def _must_stop(self, speed_mps: float, seen: Seen) -> bool:
+    def _must_stop(self, speed_mps: float, seen: SeenCar) -> bool:
         half_m = seen.vehicle.width_m / 2
         if seen.to_lane_m - self._progress_m <= half_m + PEDESTRIAN_RADIUS_M:
             return False

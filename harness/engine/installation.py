@@ -39,7 +39,7 @@ def check_packages() -> None:
             raise InputError(name, f"version {installed} is installed", allowed)
 
 
-def program(name: Program) -> str:
+def program_path(name: Program) -> str:
     """The path of a program of the package eclipse-sumo, also if the PATH has another one.
 
     Raises:
@@ -68,7 +68,7 @@ def run_program(name: Program, arguments: Sequence[str], folder: Path | None = N
     Raises:
         EngineError: the program is missing, failed or crashed; repeats its first error.
     """
-    command = [program(name), *arguments]
+    command = [program_path(name), *arguments]
     home = Path(command[0]).parents[1]
     # Without PROJ_DATA netconvert looks for proj.db at its path on the machine that built it.
     places = {"SUMO_HOME": str(home), "PROJ_DATA": str(home / "data" / "proj")}

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Protocol, TypeVar, get_t
 
 from harness.core.errors import EngineError, one_line
 from harness.core.vocabulary import ROUNDING
-from harness.engine.installation import program, run_program
+from harness.engine.installation import program_path, run_program
 
 Module = Literal["libsumo", "traci", "gui"]
 """Where SUMO runs: in this process, in another one, or in another one with a window."""
@@ -356,7 +356,7 @@ def _started(module: Module, command: Sequence[str]) -> Any:
     try:
         # traci prints its retries on stdout, which is for results only.
         with contextlib.redirect_stdout(io.StringIO()):
-            api.start([program("sumo-gui" if module == "gui" else "sumo"), *command])
+            api.start([program_path("sumo-gui" if module == "gui" else "sumo"), *command])
     except (api.TraCIException, api.FatalTraCIError, OSError) as error:
         # A simulation that failed counts as loaded.
         with contextlib.suppress(api.TraCIException, api.FatalTraCIError):

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from harness.core.freezing import frozen
-from harness.core.vocabulary import Vehicle
+from harness.core.vocabulary import ROUNDING, Vehicle
 from harness.engine.installation import scratch_folder
 from harness.engine.network import network_of
 from harness.engine.session import Module, Session
@@ -84,7 +84,7 @@ def vehicle_type(vehicle: Vehicle, limit_mps: float) -> dict[str, object]:
         "accel": vehicle.max_acceleration_mps2,
         "decel": vehicle.max_deceleration_mps2,
         "emergencyDecel": vehicle.max_deceleration_mps2,
-        "speedFactor": max(1.0, vehicle.initial_speed_mps / limit_mps * (1 + 1e-9)),
+        "speedFactor": max(1.0, vehicle.initial_speed_mps / limit_mps * (1 + ROUNDING)),
         "speedDev": 0,
         "sigma": 0,
     }

@@ -20,10 +20,10 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from harness.core.documents import as_plain, check_form, parse_json
-from harness.core.errors import InputError, nearest_name
+from harness.core.errors import InputError, checked, nearest_name
 from harness.core.files import read_file, write_file
 from harness.core.freezing import Frozen
-from harness.core.vocabulary import NO_MODEL_USE, FloatArray, ModelUse
+from harness.core.vocabulary import NO_MODEL_USE, ROUNDING, FloatArray, ModelUse
 from harness.model.mixture.conditional import Conditional
 from harness.model.mixture.distribution import TruncatedGaussianMixture
 
@@ -124,10 +124,6 @@ def _conditional(mixture: TruncatedGaussianMixture, target: int, *given: int) ->
     return Conditional(mixture, target, given)
 
 
-_ROUNDING = 1e-9
-"""Relative: 1/(1/60) may differ from 60 in its last bit."""
-
-
 class ModelUseCounter:
     """Counts the uses of the model in an episode by the state of the ego.
 
@@ -152,11 +148,11 @@ class ModelUseCounter:
         (nearest, farthest), (slowest, fastest) = self.ranges_m, self.speeds_mps
         uses, clamped, near, speed_excess, range_excess = self.counts
         beyond_m, beyond_mps = range_m - farthest, speed_mps - fastest
-        if beyond_m > _ROUNDING * farthest or beyond_mps > _ROUNDING * fastest:
+        if beyond_m > ROUNDING * farthest or beyond_mps > ROUNDING * fastest:
             clamped += 1
             speed_excess = max(speed_excess, beyond_mps)
             range_excess = max(range_excess, beyond_m)
-        elif nearest - range_m > _ROUNDING * nearest or slowest - speed_mps > _ROUNDING * fastest:
+        elif nearest - range_m > ROUNDING * nearest or slowest - speed_mps > ROUNDING * fastest:
             near += 1
         self.counts = ModelUse(uses + 1, clamped, near, speed_excess, range_excess)
 
@@ -179,12 +175,12 @@ def check_support(
         (speed_key, speed_mps, "m/s", support.speeds_mps),
         ("ego.trigger_range_m", range_m, "m", support.ranges_m),
     ):
-        if not low * (1 - _ROUNDING) <= value <= high * (1 + _ROUNDING):
+        if not low * (1 - ROUNDING) <= value <= high * (1 + ROUNDING):
             raise InputError(
                 key,
                 f"{value:g} {unit} is outside the box of model {model.name!r}",
                 f"{low:g} to {high:g} {unit}; [pedestrians.walking_speed] or "
-                'model.pedestrian_reading = "unconditional" and an arm other than human_gmm; '
+                'model.pedestrian_reading = "unconditional" and arms that do not use the model; '
                 "or model.extrapolate = true, which clamps",
             )
 
@@ -213,6 +209,7 @@ _ARRAYS = ("lower", "upper", "weights", "locations", "scale_matrices")
 """The arrays of a model file, which are those of the mixture."""
 
 
+@checked
 def load_model(name: str, path: str | None = None) -> InteractionModel:
     """A shipped model by name, or a model file by path.
 

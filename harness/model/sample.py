@@ -24,8 +24,8 @@ from harness.model.trajectories.extraction import ENCOUNTER_KEY, EXTRACTION_KEY,
 from harness.model.trajectories.rules import TEXT_COLUMNS
 from harness.model.trajectories.table import identifiers, read_table, require_columns
 
-COLUMNS = ("range_m", "vehicle_speed_mps", "pedestrian_speed_mps", "time_advantage_s")
-LABELS = ("range_m (as 1/R)", COLUMNS[1], COLUMNS[2], "time_advantage_s (as 1/T_adv)")
+MODEL_COLUMNS = ("range_m", "vehicle_speed_mps", "pedestrian_speed_mps", "time_advantage_s")
+LABELS = ("range_m (as 1/R)", MODEL_COLUMNS[1], MODEL_COLUMNS[2], "time_advantage_s (as 1/T_adv)")
 """The model's variables in messages: by the columns of the user's file."""
 
 _INVERTED = [at for at, name in enumerate(VARIABLES) if name.startswith("inverse_")]
@@ -102,8 +102,8 @@ def read_rows(path: Path) -> RowFile:
     if not path.is_file():
         raise InputError(str(path), "no such file, or no regular one", "rows of `harness extract`")
     rows = read_table(path)
-    require_columns(path, rows, COLUMNS)
-    for name in COLUMNS:
+    require_columns(path, rows, MODEL_COLUMNS)
+    for name in MODEL_COLUMNS:
         if not pd.api.types.is_numeric_dtype(rows[name]):
             raise InputError(f"{path}: {name}", "contains text", "numbers")
     # Other programs write identifiers of any type.
@@ -163,7 +163,7 @@ def make_sample(
     """Check the rows, leave out those outside the box, and weight the others.
 
     Args:
-        rows: a table with ``COLUMNS``.  Weighting by encounter or vehicle also needs the
+        rows: a table with ``MODEL_COLUMNS``.  Weighting by encounter or vehicle also needs the
             identifiers ``source, clip, vehicle, pedestrian``.
         weigh: ``row``, ``encounter`` or ``vehicle``, see ``row_weights``.
         lower, upper: (4,) the box.
@@ -181,7 +181,7 @@ def make_sample(
         box = zip(VARIABLES, lower, upper, strict=True)
         words = ", ".join(f"{name} {low:.4g} to {high:.4g}" for name, low, high in box)
         raise InputError("rows", f"none of the {len(rows)} rows lies inside the box", words)
-    row, encounter = _codes(kept, COLUMNS), _codes(kept, ENCOUNTER_KEY)
+    row, encounter = _codes(kept, MODEL_COLUMNS), _codes(kept, ENCOUNTER_KEY)
     assert row is not None  # its columns have numbers
     places = np.arange(row.size) if encounter is None else encounter
     copies = np.bincount(np.unique(np.stack((row, places)), axis=1)[0])
@@ -202,7 +202,7 @@ def make_sample(
         tracks=texts["track"],
         sources=texts["source"],
         rows_read=len(rows),
-        outside=dict(zip(COLUMNS, outside.sum(axis=0).tolist(), strict=True)),
+        outside=dict(zip(MODEL_COLUMNS, outside.sum(axis=0).tolist(), strict=True)),
         weigh=weigh,
     )
 
@@ -265,7 +265,7 @@ def independent_vehicles(rows: pd.DataFrame) -> IntArray | None:
     if named is None:
         return None
     count, edges = int(named.max()) + 1, []
-    for link in (_codes(rows, COLUMNS), _codes(rows, ("track",))):
+    for link in (_codes(rows, MODEL_COLUMNS), _codes(rows, ("track",))):
         if link is not None:
             edges.append(np.stack((named, count + link)))
             count += int(link.max()) + 1
@@ -289,8 +289,8 @@ def effective_number(item: IntArray | None, weights: FloatArray) -> float | None
 
 def _variables(rows: pd.DataFrame) -> FloatArray:
     """The model's variables in its order, (n, 4)."""
-    values = np.array(rows[list(COLUMNS)].to_numpy(dtype=float, na_value=np.nan))
-    for i, name in enumerate(COLUMNS):
+    values = np.array(rows[list(MODEL_COLUMNS)].to_numpy(dtype=float, na_value=np.nan))
+    for i, name in enumerate(MODEL_COLUMNS):
         wrong, allowed = ~np.isfinite(values[:, i]), "finite numbers"
         if i in _INVERTED:
             wrong, allowed = wrong | (values[:, i] <= 0), "finite numbers above 0"

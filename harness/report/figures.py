@@ -22,7 +22,7 @@ from scipy import special
 from harness.core.vocabulary import Arm, FloatArray, IntArray
 from harness.report import style
 from harness.report.style import ARM_LOOKS, AV, SERIES, figure_text, finish
-from harness.report.words import counted, level_text
+from harness.report.words import counted_noun, level_text
 from harness.results.estimators import CONFIDENCE
 from harness.results.finding import Finding
 
@@ -283,7 +283,7 @@ def draw_map(
     for name, (x_m, y_m) in [*places.items()][:_MOST_NAMED]:
         axes.annotate(figure_text(name), (x_m, y_m), (6, 4), textcoords="offset points", fontsize=8)
     axes.set_aspect("equal", adjustable="datalim")
-    finish(axes, "x (m)", "y (m)", counted(len(places), "crosswalk"))
+    finish(axes, "x (m)", "y (m)", counted_noun(len(places), "crosswalk"))
 
 
 def _sign(difference: Finding) -> str:
@@ -338,7 +338,7 @@ def _motion(
             name = figure_text(f"{label}, {'AV' if arm is Arm.AV else 'reference'}")
             axes.plot(*of(own), color=series.colour, ls=look.dash, lw=1.6, label=name)
     axes.margins(x=0)
-    finish(axes, "time since the trigger (s)", "", f"n = {counted(len(traces), 'pair')}")
+    finish(axes, "time since the trigger (s)", "", f"n = {counted_noun(len(traces), 'pair')}")
 
 
 def _defined(values: ArrayLike) -> FloatArray:

@@ -11,7 +11,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from harness.report import words
-from harness.report.words import numbers_of, parts_of
+from harness.report.words import numbers_of, text_and_ends
 from harness.results.estimators import CONFIDENCE
 from harness.results.result import Entered, Shown
 
@@ -39,7 +39,7 @@ class TextColumn:
     @cached_property
     def parts(self) -> list[tuple[str, str]]:
         """The text of each cell, and that of its interval."""
-        return [parts_of(cell, self.confidence) for cell in self.cells]
+        return [text_and_ends(cell, self.confidence) for cell in self.cells]
 
     @cached_property
     def numbers(self) -> list[Shown]:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import jinja2
 
-from harness.core.errors import HarnessError, InputError
+from harness.core.errors import HarnessError, InputError, checked
 from harness.core.files import check_target, write_file
 from harness.core.versions import versions_of_runs
 from harness.report.pictures import DrawnPicture, PictureSource, pictures_of, pictures_of_result
@@ -19,7 +19,7 @@ from harness.report.screen import below, confidence_of, filled
 from harness.report.shown import ShownPair, shown_pairs
 from harness.report.style import save, styled
 from harness.report.svg import inline_svg
-from harness.report.words import numbers_of, parts_of, plain_text
+from harness.report.words import numbers_of, plain_text, text_and_ends
 from harness.results.folder import EVENTS, read_manifest
 from harness.results.loaded_run import Run, load_run
 from harness.results.notes import Note
@@ -63,10 +63,11 @@ class _Table(NamedTuple):
     sortable: bool = False
 
 
+@checked
 def write_report(
     folder: Path | str,
-    out: Path | None = None,
-    figures: Path | None = None,
+    out: Path | str | None = None,
+    figures: Path | str | None = None,
     settings: Mapping[str, Any] | None = None,
     *,
     mu0: float | None = None,
@@ -89,8 +90,8 @@ def write_report(
             setting is refused.
         HarnessError: a file cannot be written.
     """
-    folder = Path(folder)
-    kind, page = read_manifest(folder)["kind"], out or folder / "report.html"
+    folder, plots = Path(folder), Path(figures) if figures else None
+    kind, page = read_manifest(folder)["kind"], Path(out or folder / "report.html")
     check_target(page)
     if kind == "risk" and not settings:
         from harness.studies.risk.estimate import read_risk
@@ -117,7 +118,7 @@ def write_report(
     for pair in shown:
         where = f"cell {pair.cell} pair {pair.pair}"
         warnings += [f"{where} differs from its record: {each}" for each in pair.differences[:1]]
-    written = write_page(run, result, page, figures, shown, compared, judged)
+    written = write_page(run, result, page, plots, shown, compared, judged)
     return written._replace(warnings=tuple(warnings))
 
 
@@ -259,7 +260,7 @@ def _cell(cell: Entered, confidence: float) -> _Cell:
     if not (numbers := numbers_of(cell)):
         number = isinstance(cell, int | float) and not isinstance(cell, bool)
         return _Cell(plain_text(cell), "", repr(cell) if number else None)
-    text, small = parts_of(cell, confidence)
+    text, small = text_and_ends(cell, confidence)
     value = numbers[0].finding.value
     return _Cell(_unbroken(text), _unbroken(small), "" if value is None else repr(value))
 

@@ -22,7 +22,7 @@ from harness.engine.configuration import read_config
 from harness.report import figures as draw
 from harness.report.player import pair_name
 from harness.report.style import HEIGHT_INCH, MUTED, SERIES, new_figure
-from harness.report.words import counted, level_text, plain_text
+from harness.report.words import counted_noun, level_text, plain_text
 from harness.results.catalogue import ENTRY_OF
 from harness.results.cell_findings import CellFindings
 from harness.results.estimators import CONFIDENCE
@@ -179,7 +179,7 @@ def _lines(run: Run, name: str) -> dict[str, list[tuple[float, Finding]]]:
 def _pairs(cells: Sequence[CellFindings]) -> str:
     counts = sorted({cell["pairs"].count for cell in cells})
     low, high = counts[0], counts[-1]
-    return f"n = {counted(low, 'pair')}" if low == high else f"n = {low:,} to {high:,} pairs"
+    return f"n = {counted_noun(low, 'pair')}" if low == high else f"n = {low:,} to {high:,} pairs"
 
 
 def _title(name: str, run: Run) -> tuple[str, float]:
@@ -197,7 +197,7 @@ def _tau_mean(axes: Sequence[Axes], scene: PictureSource) -> str:
     draw.draw_running_mean(axes[0], tau, paper, driver)
     return (
         f"τ = AV time / {driver} time of each pair, and the mean of the first n with its 95 % band "
-        f"(Student's t); {tau.notna().sum():,} of {counted(len(tau), 'pair')} have a τ."
+        f"(Student's t); {tau.notna().sum():,} of {counted_noun(len(tau), 'pair')} have a τ."
     )
 
 

@@ -14,7 +14,7 @@ from harness.core.documents import JsonObject, as_plain
 from harness.core.freezing import Frozen
 from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, Arm, Crossing, Ending, FloatArray
 from harness.measures.conflicts import time_advantage_s
-from harness.report.words import counted, plain_text
+from harness.report.words import counted_noun, plain_text
 from harness.results.folder import read_cell
 from harness.results.loaded_run import Run
 from harness.results.tables import Row
@@ -35,7 +35,7 @@ _BEYOND_M = 14.0
 
 _ARMS = {Arm.AV: "AV", Arm.HUMAN: "reference"}
 
-Numbers = list[float | None]
+Rounded = list[float | None]
 
 
 @dataclass(frozen=True)
@@ -110,13 +110,13 @@ def _time_advantage_s(rows: pd.DataFrame, crossing: Crossing) -> FloatArray:
 
 def _words(run: Run, shown: "Sequence[ShownPair]", kept: int) -> Iterator[str]:
     total = sum(cell["pairs"].count for cell in run.cells)
-    yield f"{kept:,} of {counted(total, 'pair')}, both arms side by side."
+    yield f"{kept:,} of {counted_noun(total, 'pair')}, both arms side by side."
     if any(pair.repeated for pair in shown):
         yield "The run kept no traces, so these were simulated again for the page."
         different = sum(bool(pair.differences) for pair in shown)
         yield f"{different or 'None'} of them differ from the stored record."
     if left := len(shown) - kept:
-        yield f"{counted(left, 'chosen pair')} left out to keep the page small."
+        yield f"{counted_noun(left, 'chosen pair')} left out to keep the page small."
 
 
 def _scene(scenario: Scenario) -> JsonObject:
@@ -247,7 +247,7 @@ def _track(rows: pd.DataFrame) -> JsonObject:
     return {"t": t, "x": x, "y": y}
 
 
-def _rounded(values: Iterable[float]) -> Numbers:
+def _rounded(values: Iterable[float]) -> Rounded:
     return [_short(value) for value in values]
 
 

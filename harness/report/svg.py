@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from harness.report import style
 
-VARIABLES = {
+CSS_VARIABLES = {
     style.INK: "--ink", style.MUTED: "--muted", style.GRID: "--grid", style.BLUE: "--blue",
     style.VERMILLION: "--vermillion", style.GREEN: "--green", style.PURPLE: "--purple",
     style.ORANGE: "--orange", "#ffffff": "--card",
@@ -70,4 +70,4 @@ def _rewrite(element: ET.Element, prefix: str) -> None:
 
 def _variable(match: re.Match[str]) -> str:
     """The page's variable for a colour of the style; other colours do not change."""
-    return f"var({VARIABLES[match[0]]})" if match[0] in VARIABLES else match[0]
+    return f"var({CSS_VARIABLES[match[0]]})" if match[0] in CSS_VARIABLES else match[0]

@@ -100,11 +100,11 @@ def numbers_of(entered: Entered) -> tuple[Shown, ...]:
     return (entered,) if isinstance(entered, Shown) else ()
 
 
-def parts_of(entered: Entered, confidence: float = CONFIDENCE) -> tuple[str, str]:
+def text_and_ends(entered: Entered, confidence: float = CONFIDENCE) -> tuple[str, str]:
     """The text of a table's cell, and that of its interval or intervals; either may be empty.
 
     >>> av, human = (Shown(Finding(share, 0.1, 0.4), Style(Form.SHARE, 0)) for share in (0.3, 0.2))
-    >>> parts_of(Versus(av, human))
+    >>> text_and_ends(Versus(av, human))
     ('30 / 20 %', '10 … 40 %')
     """
     shown = numbers_of(entered)
@@ -120,7 +120,7 @@ def text_of(entered: Entered, confidence: float = CONFIDENCE, interval: bool = T
     >>> text_of(Shown(Finding(0.3, 0.178, 0.451), Style(Form.SHARE, 0)))
     '30 % (18 … 45 %)'
     """
-    value, ends = parts_of(entered, confidence)
+    value, ends = text_and_ends(entered, confidence)
     return f"{value} ({ends})" if interval and ends else value
 
 
@@ -144,10 +144,10 @@ def level_text(confidence: float) -> str:
     return f"{100 * confidence:.4g} %"
 
 
-def counted(count: int, noun: str) -> str:
+def counted_noun(count: int, noun: str) -> str:
     """A number with its noun.
 
-    >>> counted(1_000, "pair")
+    >>> counted_noun(1_000, "pair")
     '1,000 pairs'
     """
     return f"{count:,} {noun}" if count == 1 else f"{count:,} {noun}s"

@@ -15,13 +15,13 @@ import numpy as np
 
 from harness.core.vocabulary import LIMITED_BY, BoolArray, FloatArray
 from harness.results import estimators, student
-from harness.results.columns import AV, REFERENCE, Sample
+from harness.results.columns import AV, REFERENCE, PairSample
 from harness.results.estimators import Sampling
 from harness.results.finding import Finding, Form
 from harness.results.simulated import Of, SimulationSample, averaged, counted, summed
 from harness.results.tables import ENCOUNTERS, SIMULATIONS, RunKind
 
-AnySample = Sample | SimulationSample
+AnySample = PairSample | SimulationSample
 
 OfColumn = Callable[[np.ndarray, Sampling], Finding]
 OfWeighted = Callable[[np.ndarray, np.ndarray, Sampling], Finding]
@@ -40,7 +40,7 @@ class Entry:
         heading: its name on screens, without its unit.  It may hold a threshold of ``[conflicts]``
             in braces, see ``title``.
         meaning: for the reference in the documentation.
-        column: a column of ``Sample`` by its name, or of ``SimulationSample``; None of a risk,
+        column: a column of ``PairSample`` by its name, or of ``SimulationSample``; None of a risk,
             which computes its numbers from its draws.
         estimate: how the column becomes a number; None of a risk.
         of: "arms", "av", "pair", or "both": each arm and the paired difference.

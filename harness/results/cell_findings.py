@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from harness.core.errors import Parameter, unknown_name
 from harness.core.freezing import Frozen
 from harness.results.catalogue import ENTRY_OF, AnySample, Entry, entries_of
-from harness.results.columns import Sample
+from harness.results.columns import PairSample
 from harness.results.estimators import EQUAL
 from harness.results.finding import Finding, Findings, Plain
 from harness.results.simulated import SimulationSample
@@ -126,5 +126,5 @@ def cell_findings(cell: Cell, tables: Tables, confidence: float) -> CellFindings
 def sample_of(tables: Tables, scenario: Scenario, confidence: float) -> AnySample:
     """The columns of a cell from its rows: of encounters from ``episodes`` alone."""
     if "episodes" in tables:
-        return Sample(tables["episodes"], scenario, confidence)
+        return PairSample(tables["episodes"], scenario, confidence)
     return SimulationSample(tables, scenario, confidence)

@@ -18,8 +18,8 @@ from harness.strategies.registry import STRATEGIES
 AV, REFERENCE = 0, 1
 
 
-class Sample(dict[str, np.ndarray]):
-    """The episodes of one cell: columns of ``episodes`` or ``COLUMNS``, made when asked for.
+class PairSample(dict[str, np.ndarray]):
+    """The episodes of one cell: columns of ``episodes`` or ``DERIVED``, made when asked for.
 
     A column is of both arms, shape (2, n) with the AV's first, or of the pairs,
     shape (n,).  Numbers are floats, NaN where undefined.
@@ -36,8 +36,8 @@ class Sample(dict[str, np.ndarray]):
         self.n, self.limits = episodes.num_rows // 2, scenario.conflicts
 
     def __missing__(self, name: str) -> np.ndarray:
-        if name in COLUMNS:
-            found = np.asarray(COLUMNS[name](self))
+        if name in DERIVED:
+            found = np.asarray(DERIVED[name](self))
         else:
             values = self._episodes[name]
             words = pa.types.is_string(values.type)
@@ -72,14 +72,14 @@ def _draws(name: str) -> bool:
     return name not in STRATEGIES or "rng" in needs(STRATEGIES[name])
 
 
-def _waited_s(sample: Sample) -> FloatArray:
+def _waited_s(sample: PairSample) -> FloatArray:
     """Sum of the waits at the kerb of an episode; NaN where the episode failed."""
     arrivals = sample["arrivals"]
     waited = np.where(arrivals > 0, sample["pedestrian_delay_s"] * arrivals, 0.0)
     return np.where(sample["ran"], waited, np.nan)
 
 
-def _counted_times(sample: Sample) -> FloatArray:
+def _counted_times(sample: PairSample) -> FloatArray:
     """Both times of the pairs that the ratio of times counts; NaN in all others.
 
     These are the pairs in which neither episode failed and the AV did not crash.  A driver who has
@@ -97,7 +97,7 @@ def _counted_times(sample: Sample) -> FloatArray:
     return np.where(counted, [av, human], np.nan)
 
 
-def _worst_times(sample: Sample) -> FloatArray:
+def _worst_times(sample: PairSample) -> FloatArray:
     """Both times of every pair, missing ones against the AV.
 
     An AV that crashed, failed or timed out counts with the time-out; a reference who did not pass
@@ -108,17 +108,17 @@ def _worst_times(sample: Sample) -> FloatArray:
     return np.array([av, np.where(np.isnan(human), _free_s(sample), human)])
 
 
-def _free_s(sample: Sample) -> float:
+def _free_s(sample: PairSample) -> float:
     """The time of an undisturbed passage."""
     return sample.scenario.vehicle().free_pass_time_s(sample.scenario.crosswalk())
 
 
-def _av_and_untouched_s(sample: Sample) -> tuple[FloatArray, FloatArray]:
+def _av_and_untouched_s(sample: PairSample) -> tuple[FloatArray, FloatArray]:
     """The AV's time, and the reference's, who counts as driving on after a crash."""
     return sample["pass_time_s"][AV], sample["pass_time_ignoring_contact_s"][REFERENCE]
 
 
-COLUMNS: Mapping[str, Callable[[Sample], Any]] = MappingProxyType({
+DERIVED: Mapping[str, Callable[[PairSample], Any]] = MappingProxyType({
     "every": lambda s: np.ones(s.n, dtype=bool),
     "crashed": lambda s: s["ending"] == Ending.CRASHED,
     "timed_out": lambda s: s["ending"] == Ending.TIMED_OUT,

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import special
 
-from harness.core.vocabulary import BoolArray, FloatArray
+from harness.core.vocabulary import ROUNDING, BoolArray, FloatArray
 from harness.results.finding import Finding
 
 CONFIDENCE = 0.95
@@ -34,9 +34,6 @@ _RESAMPLES_BEYOND = 20
 
 _DIGITS = 9
 """Values that agree to this many decimals are equal, because sums have rounding errors."""
-
-_ROUNDING = 1e-9
-"""Values whose difference is below this share or number are equal, for the same reason."""
 
 _FLIPPED = 16
 """The largest differences whose signs a sign-flip test enumerates."""
@@ -150,7 +147,7 @@ def quantile(values: FloatArray, level: float, confidence: float) -> Finding:
     n = len(ordered)
     if n == 0:
         return Finding(None)
-    value = float(ordered[max(0, math.ceil(level * n - _ROUNDING) - 1)])
+    value = float(ordered[max(0, math.ceil(level * n - ROUNDING) - 1)])
     # P(B ≤ k) for k = 0 … n − 1, with B the number of values below the population's quantile.
     at_most, tail = special.bdtr(np.arange(n), n, level), (1 - confidence) / 2
     above, below = np.flatnonzero(at_most >= 1 - tail), np.flatnonzero(at_most <= tail)
@@ -190,7 +187,7 @@ def difference(
     small ones are no sign of a mean.
     """
     over = np.ones(len(a)) if over is None else over
-    differences = np.where(np.abs(a - b) < _ROUNDING, 0.0, a - b)
+    differences = np.where(np.abs(a - b) < ROUNDING, 0.0, a - b)
     found = ratio(differences, over, sampling._replace(tested=True))
     known, low, high = differences[~np.isnan(differences + over)], found.low, found.high
     if found.value is None:
@@ -234,7 +231,7 @@ def sign_flip_p(differences: FloatArray) -> float:
         sums = np.concatenate([sums - size, sums + size])
     total = abs(float(np.sum(differences)))
     if len(sizes) <= _FLIPPED:
-        beyond = np.mean(sums >= total * (1 - _ROUNDING))
+        beyond = np.mean(sums >= total * (1 - ROUNDING))
     else:
         # The continuity correction is half the step between two sums if all sizes are equal.
         gap = (sums + sizes[-1] - total) / np.sqrt(np.sum(sizes[_FLIPPED:] ** 2))
@@ -286,7 +283,7 @@ def _of_means(
     if not (np.isfinite(left_out).all() and np.isfinite(resampled).all()):
         return without
     # Sums of the same values in another order differ only in their last bits.
-    same = _ROUNDING * np.ptp(resampled)
+    same = ROUNDING * np.ptp(resampled)
 
     def normal(at: float) -> float:
         """The standard normal quantile of the share of resamples below a value."""

@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from harness.core.documents import as_plain
-from harness.core.errors import InputError, Parameter, advised, in_shell, unknown_name
+from harness.core.errors import InputError, advised, checked, in_shell, inside, unknown_name
 from harness.core.freezing import frozen
 from harness.core.vocabulary import Arm
 from harness.results import folder as folders
@@ -25,8 +25,8 @@ from harness.results.notes import FIRST, Note, notes_of, retries
 from harness.results.place import name_of, place_in_words
 from harness.results.result import Result
 from harness.results.tables import COUNTED, TABLES_OF, RunKind, Tables
-from harness.scenario import Scenario, Setting, Study, study_from
-from harness.scenario.file import apply_setting, validate
+from harness.scenario import Scenario, Study, study_from
+from harness.scenario.file import apply_setting, as_settings, parts_of, validate
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -175,6 +175,7 @@ class Run:
         )
 
 
+@checked
 def load_run(path: Path | str, settings: Mapping[str, Any] | None = None) -> Run:
     """Read a run folder, finished or not.
 
@@ -195,13 +196,14 @@ def load_run(path: Path | str, settings: Mapping[str, Any] | None = None) -> Run
         allowed = f"{path / folders.EVENTS}, the run of its events, or `harness show {path}`"
         raise InputError(str(path), "is a risk estimate", allowed)
     asked = as_plain(manifest)  # for other thresholds; the run's own is sealed
-    for key, value in (settings or {}).items():
-        if not key.startswith("conflicts.") or key in manifest["cells"][0]:
+    given = as_settings(settings or {})
+    for each in given:
+        if parts_of(each)[0] != "conflicts" or each.key in manifest["cells"][0]:
             allowed = "thresholds of [conflicts] that are not swept; another run has the others"
-            raise InputError(Parameter("settings", key), "cannot change after a run", allowed)
-        apply_setting(asked["scenario"], Setting(key, value))
+            raise InputError(inside(each.source, each.key), "cannot change after a run", allowed)
+        apply_setting(asked["scenario"], each)
     where = str(path / folders.MANIFEST)
-    validate(asked["scenario"], where, dict.fromkeys(settings or {}, Parameter("settings")))
+    validate(asked["scenario"], where, {each.key: each.source for each in given})
     study = study_from(asked, where)
     stored = None if settings else folders.read_findings(path, manifest, study.cells)
     finished = folders.is_finished(path)  # a run may end while its parts are read

@@ -4,22 +4,20 @@ import weakref
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.errors import EngineError, InputError, StrategyError, unknown_name
+from harness.core.errors import EngineError, InputError, StrategyError, checked, whole_number
 from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, EgoView, Ending, Observation, Trace
 from harness.encounter.loop import Episode, Steps
 from harness.encounter.pairing import PairRunner
 from harness.engine.shared import close_engine, open_engine
 from harness.measures import EpisodeRecord, has_contact, measure
 from harness.model.interaction import load_model
-from harness.scenario import EngineName, Scenario
-from harness.scenario.arguments import engine_named, whole_number
-from harness.scenario.file import checked, scenario_of_encounters
+from harness.scenario import EngineName, Scenario, load_scenario
 from harness.strategies.manoeuvres import half_path_width_m
 from harness.strategies.vector import acceleration_of, observation_vector
 
@@ -91,6 +89,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's own attribute
 
+    @checked
     def __init__(
         self,
         scenario: Scenario | str | Path = "cctc",
@@ -99,13 +98,14 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         nearest: int = 3,
         reward: Callable[[Transition], float] = time_speeding_and_crash,
         engine: EngineName = "sumo",
-        render_mode: str | None = None,
+        render_mode: Literal["rgb_array"] | None = None,
     ) -> None:
         self._nearest, self._reward = whole_number("nearest", nearest, 1), reward
-        self._kind, self.render_mode = engine_named(engine), render_mode
-        if render_mode not in (None, *(modes := self.metadata["render_modes"])):
-            raise unknown_name("render_mode", "mode", str(render_mode), modes)
-        self._scenario = scenario_of_encounters(scenario, settings)
+        self._kind, self.render_mode = engine, render_mode
+        self._scenario = load_scenario(scenario, settings or {})
+        if self._scenario.kind != "encounters":
+            allowed = "one without [traffic] and [simulation]"
+            raise InputError("scenario", "is a simulation", allowed)
         self._model = load_model(self._scenario.model.name, self._scenario.model.path)
         self._runner: PairRunner | None = None
         self._next_pair = 0
@@ -118,6 +118,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         self.observation_space = gymnasium.spaces.Box(low, high, dtype=np.float32)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (1,), np.float32)
 
+    @checked
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Vector, dict[str, Any]]:
@@ -130,11 +131,10 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         """
         options = options or {}
         if unknown := sorted(map(str, options.keys() - {"pair"})):
-            raise unknown_name("options", "key", unknown[0], ["pair"])
+            raise InputError("options", f"unknown key {unknown[0]!r}", "pair", "pair")
         if seed is not None:
             seed = whole_number("seed", seed, 0)
-            experiment = self._scenario.experiment.model_copy(update={"seed": seed})
-            self._scenario = checked(self._scenario.model_copy(update={"experiment": experiment}))
+            self._scenario = load_scenario(self._scenario, {"experiment.seed": seed})
             self._runner, self._next_pair = None, 0
         pair = whole_number("options['pair']", options.get("pair", self._next_pair), 0)
         super().reset(seed=seed)

@@ -1,6 +1,6 @@
 """Scenario files in; checked scenarios and the cells of a study out."""
 
-from harness.scenario.arguments import EngineName
+from harness.core.vocabulary import EngineName
 from harness.scenario.file import Setting, load_scenario, read_scenario_file, validate
 from harness.scenario.scenario import Scenario
 from harness.scenario.study import Cell, Study, study_from, study_of

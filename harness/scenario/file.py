@@ -13,8 +13,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from harness.core.documents import as_plain, check_form, parse_toml, shortened
-from harness.core.errors import InputError, Parameter, Place, inside, nearest_name
+from harness.core.documents import as_plain, check_form, parse_toml
+from harness.core.errors import InputError, Parameter, Place, brief, checked, inside, nearest_name
 from harness.core.files import read_file, shipped_directory
 from harness.core.freezing import Frozen, frozen
 from harness.core.vocabulary import SECONDS_PER_HOUR
@@ -96,11 +96,12 @@ def as_settings(settings: Settings, **experiment: int | None) -> tuple[Setting, 
     return *settings, *(setting for setting in own if setting.value is not None)
 
 
-def read_scenario_file(name_or_path: str | Path, settings: Settings = ()) -> ScenarioFile:
+@checked
+def read_scenario_file(scenario: Scenario | str | Path, settings: Settings = ()) -> ScenarioFile:
     """Read a scenario file, or a shipped scenario by its name (``cctc``).
 
     Args:
-        name_or_path: a TOML file, or the name of a shipped scenario.
+        scenario: a TOML file, the name of a shipped scenario, or a scenario, as if a file had it.
         settings: values that replace the file's, e.g. ``{"experiment.pairs": 20}``.
 
     Returns:
@@ -109,9 +110,12 @@ def read_scenario_file(name_or_path: str | Path, settings: Settings = ()) -> Sce
     Raises:
         InputError: the file does not exist or is not TOML.
     """
+    given = tuple(each._replace(value=frozen(each.value)) for each in as_settings(settings))
+    if isinstance(scenario, Scenario):
+        return ScenarioFile("scenario", "scenario", scenario.model_dump(), None, given, Path.cwd())
     shipped = sorted(shipped_directory("scenarios").glob("*.toml"))
     known = {file.stem: file for file in shipped}
-    path = Path(name_or_path)
+    path = Path(scenario)
     if path.name in known and str(path) == path.name and not path.is_file():
         path = known[path.name]
     try:
@@ -127,52 +131,25 @@ def read_scenario_file(name_or_path: str | Path, settings: Settings = ()) -> Sce
     _anchor_paths(tree, path.parent)
     sweep = tree.pop("sweep", None)
     if sweep is not None and not isinstance(sweep, dict):
-        raise InputError(f"{path.name}: sweep", f"{shortened(sweep)} is not accepted", "a table")
-    given = tuple(each._replace(value=frozen(each.value)) for each in as_settings(settings))
+        raise InputError(f"{path.name}: sweep", f"{brief(sweep)} is not accepted", "a table")
     return ScenarioFile(path.stem, path.name, tree, sweep, given, path.parent)
 
 
-def load_scenario(name_or_path: str | Path, settings: Settings = ()) -> Scenario:
+@checked
+def load_scenario(scenario: Scenario | str | Path, settings: Settings = ()) -> Scenario:
     """The scenario of a file, without its sweep: each key is checked, and so are all together.
 
     Names and parameters of strategies and models are checked where they are loaded: when a run,
     risk or environment begins.
 
     Args:
-        name_or_path: a TOML file, or the name of a shipped scenario.
+        scenario: a TOML file, the name of a shipped scenario, or a scenario made in Python.
         settings: values that replace the file's, e.g. ``{"experiment.pairs": 20}``.
 
     Raises:
         InputError: the file does not exist or is not TOML, or a key or value is not accepted.
     """
-    return read_scenario_file(name_or_path, settings).scenario()
-
-
-def scenario_of_encounters(
-    scenario: Scenario | str | Path, settings: Mapping[str, Any] | None
-) -> Scenario:
-    """The scenario of a Python caller, who may give it as an object, a name or a file.
-
-    Raises:
-        InputError: the scenario or a setting is refused, or is a simulation.
-    """
-    if not isinstance(scenario, Scenario):
-        scenario = load_scenario(scenario, settings or {})
-    elif settings:
-        raise InputError("settings", "are given with a Scenario", "a name or file, or no settings")
-    scenario = checked(scenario)
-    if scenario.kind != "encounters":
-        raise InputError("scenario", "is a simulation", "one without [traffic] and [simulation]")
-    return scenario
-
-
-def checked(scenario: Scenario) -> Scenario:
-    """A scenario that was made in Python, checked as a file's.
-
-    Raises:
-        InputError: a key or value is not accepted.
-    """
-    return validate(scenario.model_dump(), "scenario")
+    return read_scenario_file(scenario, settings).scenario()
 
 
 def parse_setting(text: str) -> Setting:
@@ -229,7 +206,7 @@ def parts_of(setting: Setting) -> list[str]:
     except ValueError:
         node = {}
     # Comments and texts of several lines are refused, although they are valid TOML.
-    if len(node) != 1 or "\n" in setting.key:
+    if len(node) != 1 or "\n" in str(setting.key):
         allowed = 'e.g. ego.length_m, or strategies."my_module:Mine".margin_s with the quotes'
         raise InputError(inside(setting.source, setting.key), "not a dotted key", allowed)
     parts = []
@@ -284,4 +261,4 @@ def _in_si(value: Any, key: str = "") -> Any:
         if math.isfinite(speed := float(written[1]) * metres / seconds):
             return speed
     allowed = f"a number in m/s, or text with a unit: {', '.join(UNITS)}"
-    raise InputError(key, f"{shortened(value)} is not accepted", allowed)
+    raise InputError(key, f"{brief(value)} is not accepted", allowed)

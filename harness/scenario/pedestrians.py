@@ -4,13 +4,15 @@ from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from itertools import accumulate
 from statistics import NormalDist
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field, PlainSerializer
 
-from harness.core.seeding import GIVEN_DRAWS, Given, Purpose
+from harness.core.documents import NonNegative, Positive, Share, as_plain
+from harness.core.freezing import frozen
+from harness.core.seeding import Purpose
 from harness.core.vocabulary import Behaviour
-from harness.scenario.sections import Flow, Mark, NonNegative, Positive, Section, Share
+from harness.scenario.sections import Flow, Mark, Section
 
 SLOWEST_MPS = 0.3
 """Least walking speed that is drawn from ``[pedestrians.walking_speed]``."""
@@ -89,51 +91,23 @@ def _kerb_wait_s(keys: dict[str, Any]) -> float:
     return 0.0 if keys.get("behaviour") == "threshold" else 2.0
 
 
-Uniforms = Annotated[tuple[Annotated[float, Field(gt=0, lt=1)], ...], Field(strict=False)]
+_First = Annotated[tuple[Annotated[float, Field(gt=0, lt=1)], ...], Field(strict=False)]
+_Uniforms = Annotated[Mapping[Purpose, _First], AfterValidator(frozen), PlainSerializer(as_plain)]
 
 
 class DrawnSection(Section):
     """``[[pedestrians.drawn]]``: the pedestrians of one pair; ``harness risk`` writes them.
 
-    The lists hold uniform random numbers for the first pedestrians and for a strategy's first
-    draws.  They replace the first draws of the random streams.  Later draws come from the streams
-    of ``episode``.
+    They replace the first draws of the random streams.  Later draws come from the streams of
+    ``episode``.
     """
 
     episode: Annotated[int, Field(ge=0)]
     """Number of the episode whose random streams supply all other draws."""
-    arrival: Uniforms = ()
-    """Uniforms of the times between arrivals."""
-    side: Uniforms = ()
-    """Uniforms that choose the kerb of each pedestrian."""
-    quantile: Uniforms = ()
-    """Uniforms of the walking speeds."""
-    walking_class: Uniforms = ()
-    """Uniforms that choose the class of walking speeds of each pedestrian."""
-    critical_gap: Uniforms = ()
-    """Uniforms of the critical gaps."""
-    threshold: Uniforms = ()
-    """Uniforms of the thresholds."""
-    latency: Uniforms = ()
-    """Uniforms of the latencies."""
-    detection: Uniforms = ()
-    """Uniforms of the number of updates until the first detection."""
-    timed_detection: Uniforms = ()
-    """Uniforms of the number of updates until the first detection of timed pedestrians."""
-    redetection: Uniforms = ()
-    """Uniforms of the number of updates until a pedestrian is detected again after the first
-    loss."""
-    perception_error: Uniforms = ()
-    """Uniforms of each pedestrian's first errors, in pairs: position, then speed."""
-    strategy: Annotated[Uniforms, Field(max_length=GIVEN_DRAWS)] = ()
-    """First draws of the strategy of ``arms.human``, or of both arms if they have the same one."""
-    av_strategy: Annotated[Uniforms, Field(max_length=GIVEN_DRAWS)] = ()
-    """First draws of the strategy of ``arms.av``."""
-
-    @property
-    def uniforms(self) -> Given:
-        """The uniforms by the purpose of their stream."""
-        return cast(Given, self.model_dump(exclude={"episode"}))
+    uniforms: _Uniforms = Field(default_factory=lambda: frozen({}))
+    """First uniforms of each stream: of ``perception_error`` two for each pedestrian (position,
+    speed), of ``strategy`` and ``av_strategy`` those of the arms (of both ``strategy`` if they have
+    the same one), of all others one for each pedestrian."""
 
 
 class WalkingClassSection(Section):

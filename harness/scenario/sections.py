@@ -15,6 +15,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
 from harness.core.actuation import GRAVITY_MPS2
+from harness.core.documents import NonNegative, Positive, Share
 from harness.core.vocabulary import ROUNDING, Arm, Vehicle
 
 MAX_TRIGGER_RANGE_M = 300.0
@@ -32,9 +33,6 @@ FOOTPATH_M = 10.0
 MAX_BEFORE_KERB_M = 8.0
 """Greatest distance from a timed pedestrian's start to their kerb, within ``FOOTPATH_M``."""
 
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
-Share = Annotated[float, Field(ge=0, le=1)]
 Acceleration = Annotated[float, Field(ge=0.1, le=20)]
 """The greatest acceleration or deceleration of a vehicle, in m/s²."""
 Flow = Annotated[float, Field(ge=0, le=100_000)]

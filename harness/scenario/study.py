@@ -5,9 +5,16 @@ from dataclasses import InitVar, dataclass
 from typing import Any
 
 from harness.core.documents import as_plain
-from harness.core.errors import InputError, Parameter, Place, inside, nearest_name
+from harness.core.errors import InputError, Parameter, Place, checked, inside, nearest_name
 from harness.core.freezing import Frozen
-from harness.scenario.file import ScenarioFile, Setting, apply_setting, checked, parts_of, validate
+from harness.scenario.file import (
+    ScenarioFile,
+    Setting,
+    apply_setting,
+    load_scenario,
+    parts_of,
+    validate,
+)
 from harness.scenario.scenario import Scenario
 from harness.scenario.variation import Variation, planned_cells
 
@@ -29,7 +36,7 @@ class Cell(Frozen):
     def __post_init__(self, valid: bool) -> None:
         """Check the scenario, and copy ``varied`` into a read-only mapping."""
         if not valid:
-            object.__setattr__(self, "scenario", checked(self.scenario))
+            object.__setattr__(self, "scenario", load_scenario(self.scenario))
         super().__post_init__()
 
 
@@ -58,7 +65,7 @@ class Study:
         """
         if number not in (known := range(len(self.cells))):
             raise InputError(Parameter("cell", number), "there is none", f"0 to {known[-1]}")
-        return self.cells[number]
+        return self.cells[known.index(number)]
 
     @property
     def long_pairs(self) -> bool:
@@ -74,6 +81,7 @@ class Study:
         return list(self.cells[0].varied)
 
 
+@checked
 def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
     """The cells of a run, from ``variations``, or else the file's ``[sweep]``; otherwise one cell.
 

@@ -4,7 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from harness.scenario.sections import Flow, NonNegative, Positive, Section, Share
+from harness.core.documents import NonNegative, Positive, Share
+from harness.scenario.sections import Flow, Section
 
 
 class TrafficSection(Section):

@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from harness.core.documents import as_plain, parse_toml, shortened
-from harness.core.errors import InputError, Parameter, Place, inside
+from harness.core.documents import as_plain, parse_toml
+from harness.core.errors import InputError, Parameter, Place, brief, checked, inside
 from harness.scenario.file import ScenarioFile, Setting, parts_of, toml_value
 
 MAX_CELLS = 100_000
@@ -59,6 +59,7 @@ def _setting_of(key: str, settings: Sequence[Setting]) -> Setting | None:
     return None
 
 
+@checked
 def parse_variation(text: str) -> Variation:
     """The key and the values of a text ``key=v1,v2,…``; a value is TOML or text.
 
@@ -79,7 +80,7 @@ def parse_variation(text: str) -> Variation:
 def _values_of(values: Any, where: Place) -> list[Any]:
     """The values of a key; a single value is refused."""
     if isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
-        raise InputError(where, f"{shortened(values)} is not a list", "a list of values")
+        raise InputError(where, f"{brief(values)} is not a list", "a list of values")
     return [*map(as_plain, values)]
 
 
@@ -101,7 +102,7 @@ def _named_cells(table: Mapping[str, Any], where: Place) -> list[dict[str, Any]]
     tables = isinstance(named, list) and all(isinstance(cell, dict) for cell in named)
     if not tables or not 0 < len(named) <= MAX_CELLS:
         allowed = f"1 to {MAX_CELLS} tables [[sweep.cells]]"
-        raise InputError(f"{where}.cells", f"{shortened(named)} is not accepted", allowed)
+        raise InputError(f"{where}.cells", f"{brief(named)} is not accepted", allowed)
     return [flatten(cell) for cell in named]
 
 

@@ -12,18 +12,18 @@ import numpy as np
 
 from harness.core.errors import EngineError, StrategyError
 from harness.core.freezing import Frozen
-from harness.core.vocabulary import Arm, FailedIn, StepMotion
+from harness.core.vocabulary import Arm, FailedIn, StepMotion, ignore
 from harness.engine.arm_files import Trip, trips_in, write_config
 from harness.engine.session import Module, Session
 from harness.engine.sources import CROSSWALK
 from harness.model.interaction import InteractionModel
 from harness.simulation.arm import SimulatedArm
-from harness.simulation.passages import Row, passages
+from harness.simulation.passages import SimulatedRow, passages
 from harness.simulation.setup import Setup
 from harness.simulation.walk import Walked
 from harness.site.town import Crosswalk
 
-Columns = Mapping[str, Sequence[Any]]
+TableColumns = Mapping[str, Sequence[Any]]
 """A table: its columns by name."""
 
 _EVENTS = ["vehicle_collisions", "person_collisions", "overlaps", "teleports", "emergency_stops"]
@@ -41,7 +41,7 @@ class ArmTables(Frozen):
 
     pair: int
     arm: Arm
-    tables: Mapping[str, Columns] = field(default_factory=dict)
+    tables: Mapping[str, TableColumns] = field(default_factory=dict)
     reason: str | None = None
     failed_in: FailedIn | None = None
     traceback: str | None = None
@@ -57,7 +57,7 @@ def run_arm(
     keeps: bool = False,
     module: Module = "libsumo",
     more: Mapping[str, str] = MappingProxyType({}),
-    begins: Callable[[Sized | None], None] = lambda _steps: None,
+    begins: Callable[[Sized | None], None] = ignore,
 ) -> ArmTables:
     """Simulate one arm of a pair; if a strategy fails in one vehicle, the whole arm fails.
 
@@ -87,7 +87,7 @@ def run_arm(
         return ArmTables(pair, arm, {}, f"{setup.config.path.name}: {error}", "engine")
 
 
-def _tables(setup: Setup, arm: SimulatedArm, folder: Path) -> dict[str, Columns]:
+def _tables(setup: Setup, arm: SimulatedArm, folder: Path) -> dict[str, TableColumns]:
     """The tables of an arm whose simulation has ended, with its outputs in a folder."""
     end_s, traffic = arm.session.time_s, arm.traffic
     people = {name: each.walked() for name, each in arm.people.items()}
@@ -114,7 +114,7 @@ def _tables(setup: Setup, arm: SimulatedArm, folder: Path) -> dict[str, Columns]
         "clamped": sum(each.clamped for each in arm.uses),
     }
     vehicles = _vehicles(trips_in(folder), traffic.is_automated, end_s)
-    tables: dict[str, list[Row]] = {
+    tables: dict[str, list[SimulatedRow]] = {
         "arms": [arms],
         "passages": passed,
         "vehicles": [row for row in vehicles if setup.counts(row["due_s"])],
@@ -130,7 +130,7 @@ def _tables(setup: Setup, arm: SimulatedArm, folder: Path) -> dict[str, Columns]
 
 def _vehicles(
     trips: Iterable[Trip], is_automated: Callable[[str, str], bool], end_s: float
-) -> Iterator[Row]:
+) -> Iterator[SimulatedRow]:
     """The rows of the table ``vehicles``, from SUMO's trips: those that never began too.
 
     A trip that has not ended counts with the time until the end.  Delays before the departure are
@@ -148,7 +148,7 @@ def _vehicles(
 
 def _people(
     people: Iterable[Walked], crosswalk: Crosswalk, fronts_s: Sequence[float], end_s: float
-) -> Iterator[Row]:
+) -> Iterator[SimulatedRow]:
     """The rows of the table ``people`` at one crosswalk: one for each way over it.
 
     Who crosses two crosswalks has two rows with one ``person``.  ``side`` is the end of the
@@ -187,7 +187,7 @@ def _people(
         }
 
 
-def _crosswalk(crosswalk: Crosswalk, queue: Sequence[int]) -> Row:
+def _crosswalk(crosswalk: Crosswalk, queue: Sequence[int]) -> SimulatedRow:
     """The row of the table ``crosswalks``, with the queue before it."""
     centre = crosswalk.axis.interpolate(0.5, normalized=True)
     return {

@@ -30,7 +30,7 @@ from harness.simulation.walk import Walked, moved
 from harness.site.path import FrontPath
 from harness.site.town import Town
 
-Row = Mapping[str, Any]
+SimulatedRow = Mapping[str, Any]
 
 _SAMPLE_S = 0.0125
 """Longest time between two outlines that are compared with people."""
@@ -44,7 +44,7 @@ def passages(
     town: Town,
     step_s: float,
     motion: StepMotion,
-) -> list[Row]:
+) -> list[SimulatedRow]:
     """The rows of the table ``passages``.
 
     Args:
@@ -74,7 +74,7 @@ def passages(
 
 def _row(
     passage: Passage, trace: Trace, record: EpisodeRecord, names: Mapping[int, str], free_s: float
-) -> Row:
+) -> SimulatedRow:
     car, begin_s, driven = passage.car, passage.begin_s, sum(passage.limited)
     edge_m = -trace.crossing.width_m / 2
     # A vehicle that came onto the road beyond the edge never reached it.

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from harness.core.vocabulary import (
+    ROUNDING,
     STANDING_MPS,
     Arrival,
     Crossing,
@@ -191,8 +192,8 @@ def _from_kerb_to_kerb(
 def _kerb(line: FloatArray, kerb_m: float, low_s: float, high_s: float) -> float:
     """When the straight line through two points (time, way) reaches a kerb, within bounds."""
     (a_s, a_m), (b_s, b_m) = line.tolist()
-    at_s: float = min(max(a_s + (kerb_m - a_m) * (b_s - a_s) / max(b_m - a_m, 1e-9), low_s), high_s)
-    return at_s
+    at_s: float = a_s + (kerb_m - a_m) * (b_s - a_s) / max(b_m - a_m, ROUNDING)
+    return min(max(at_s, low_s), high_s)
 
 
 def _legs(time_s: FloatArray, x_m: FloatArray, y_m: FloatArray) -> tuple[Leg, ...]:
@@ -200,6 +201,6 @@ def _legs(time_s: FloatArray, x_m: FloatArray, y_m: FloatArray) -> tuple[Leg, ..
     lasts_s = np.diff(time_s)
     x_mps, y_mps = (np.append(np.diff(each) / lasts_s, 0.0) for each in (x_m, y_m))
     change = np.abs(np.diff(x_mps)) + np.abs(np.diff(y_mps))
-    begins = np.concatenate([[True], change[:-1] > 1e-9, [True]])
+    begins = np.concatenate([[True], change[:-1] > ROUNDING, [True]])
     columns = np.column_stack((time_s, x_m, y_m, x_mps, y_mps, np.zeros(len(time_s))))
     return tuple(starmap(Leg, columns[begins].tolist()))

@@ -3,10 +3,10 @@
 import math
 from typing import ClassVar
 
+from harness.core.documents import Positive
 from harness.core.vocabulary import ROUNDING, Observation, PedestrianView
-from harness.scenario.sections import Positive
 from harness.strategies.emergency_brake import EmergencyBrake
-from harness.strategies.manoeuvres import AT_KERB_M, half_path_width_m, resume, stop_after
+from harness.strategies.manoeuvres import AT_KERB_M, half_path_width_m, stop_after, towards_v0
 
 _STILL_MPS, _STILL_S = 0.25, 1.0
 """Who is slower stands; the ego goes on once it has stood this long for somebody who stands."""
@@ -58,7 +58,7 @@ class AutowareCrosswalk:
 
     def decide(self, observation: Observation, /) -> float:
         """Commanded acceleration in m/s²."""
-        wanted_mps2 = resume(observation)
+        wanted_mps2 = towards_v0(observation)
         stands_s = self._note_standing(None, observation.ego.speed_mps, observation.time_s)
         stood = stands_s is not None and stands_s >= _STILL_S - ROUNDING
         # Every step moves the memory of everybody, also of those after the first to stop for.

@@ -2,9 +2,9 @@
 
 import math
 
+from harness.core.documents import Positive
 from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, ROUNDING, Observation, PedestrianView
-from harness.scenario.sections import Positive
-from harness.strategies.manoeuvres import full_braking, half_path_width_m, resume, time_in_path
+from harness.strategies.manoeuvres import full_braking, half_path_width_m, time_in_path, towards_v0
 
 
 class EmergencyBrake:
@@ -47,7 +47,7 @@ class EmergencyBrake:
                 if near or (known and _in_or_before_path(pedestrian, half_m)):
                     threats.add(pedestrian.index)
         self._braking_for = threats
-        return full_braking(observation) if threats else resume(observation)
+        return full_braking(observation) if threats else towards_v0(observation)
 
 
 def _ttc_s(observation: Observation, pedestrian: PedestrianView, half_path_m: float) -> float:

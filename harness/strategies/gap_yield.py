@@ -13,11 +13,11 @@ from harness.strategies.manoeuvres import (
     full_braking,
     half_path_width_m,
     lane_free_in_s,
-    resume,
     speeding_up,
     stop_at,
     stop_at_line,
     time_in_path,
+    towards_v0,
 )
 
 ROLLING_MPS = 1.0
@@ -71,7 +71,7 @@ class GapYield:
 
     def decide(self, observation: Observation, /) -> float:
         """Commanded acceleration in m/s²."""
-        go_mps2 = _within_stopping(observation, resume(observation))
+        go_mps2 = _within_stopping(observation, towards_v0(observation))
         if self._yield_to_waiting and anybody_waits(observation) and can_stop_at_line(observation):
             return min(go_mps2, stop_at_line(observation))
         people = _people(observation)

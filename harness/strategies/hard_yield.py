@@ -6,8 +6,8 @@ from harness.strategies.manoeuvres import (
     can_stop_at_line,
     can_stop_before_disc,
     full_braking,
-    resume,
     stop_at,
+    towards_v0,
 )
 
 
@@ -35,11 +35,11 @@ class HardYield:
             occupied |= can_stop_at_line(observation)
         if not occupied or ego.range_m <= 0:
             self._braking_at_maximum = False
-            return resume(observation)
+            return towards_v0(observation)
         # Once it brakes at the maximum, it does so until the crossing is clear.
         if not self._braking_at_maximum:
             wanted = stop_at(observation, observation.crossing.stop_line_m)
             if wanted is not None:
                 return wanted
             self._braking_at_maximum = can_stop_before_disc(observation)
-        return full_braking(observation) if self._braking_at_maximum else resume(observation)
+        return full_braking(observation) if self._braking_at_maximum else towards_v0(observation)

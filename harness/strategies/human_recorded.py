@@ -4,11 +4,11 @@ from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, ROUNDING, Observation
 from harness.strategies.manoeuvres import (
     InPath,
     full_braking_distance_m,
-    resume,
     stop_after,
     times_in_path,
     times_over_line_s,
     towards,
+    towards_v0,
 )
 
 SPARE_M = 0.05
@@ -82,7 +82,7 @@ class HumanRecorded:
         ]
         arrives_s, leaves_s = times_over_line_s(observation, _LINE_M, pulling_mps2)
         yields = self._yields(observation, counting, arrives_s)
-        go_mps2 = resume(observation)
+        go_mps2 = towards_v0(observation)
         if counting:
             top_mps = max(ego.speed_mps, min(AMONG_PEOPLE_MPS, vehicle.initial_speed_mps))
             go_mps2 = towards(observation, top_mps)

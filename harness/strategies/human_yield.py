@@ -6,8 +6,8 @@ from typing import ClassVar
 import numpy as np
 from scipy.special import ndtri
 
+from harness.core.documents import NonNegative, Positive, Share
 from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, ROUNDING, Observation
-from harness.scenario.sections import NonNegative, Positive, Share
 from harness.strategies.manoeuvres import (
     CLEARANCE_M,
     COMFORTABLE_MPS2,
@@ -17,12 +17,12 @@ from harness.strategies.manoeuvres import (
     can_stop_before_disc,
     full_braking,
     lane_free_in_s,
-    resume,
     speeding_up,
     stop_at,
     stop_at_line,
     times_in_path,
     times_over_line_s,
+    towards_v0,
 )
 
 MEAN_YIELD_RATE = 0.74
@@ -101,7 +101,7 @@ class HumanYield:
         """Commanded acceleration in m/s²."""
         if self.reaction_s:
             observation = self._reacted_to(observation)
-        go_mps2 = resume(observation)
+        go_mps2 = towards_v0(observation)
         passed = observation.ego.range_m <= PEDESTRIAN_RADIUS_M + ROUNDING
         met = [] if passed else _people_met(observation)
         yields = self.yields and not passed and _somebody_to_yield_to(observation)

@@ -21,7 +21,7 @@ AT_KERB_M = 1.0
 """A pedestrian who stands at most this far behind the kerb waits at the crosswalk."""
 
 
-def resume(observation: Observation) -> float:
+def towards_v0(observation: Observation) -> float:
     """Acceleration back to the initial speed v0, at most a0 either way, in m/s²."""
     return towards(observation, observation.vehicle.initial_speed_mps)
 

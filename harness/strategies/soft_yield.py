@@ -5,7 +5,7 @@ from typing import ClassVar, NamedTuple
 
 from harness.core.vocabulary import ROUNDING, Observation, PedestrianView
 from harness.strategies.hard_yield import HardYield
-from harness.strategies.manoeuvres import clearing_time_s, resume
+from harness.strategies.manoeuvres import clearing_time_s, towards_v0
 
 
 class _Plan(NamedTuple):
@@ -69,7 +69,7 @@ class SoftYield:
                 assert self._plan is not None
                 return _follow(self._plan, observation)
             self._target = None
-            return resume(observation)
+            return towards_v0(observation)
         if last.index != self._target:
             self._target = last.index
             self._plan = self._make_plan(observation, clearing_time_s(last) + self._margin_s)
@@ -125,7 +125,7 @@ def _follow(plan: _Plan, observation: Observation) -> float:
         coasting_mps = _coasting_mps(observation, until_arrival_s)
         return (coasting_mps - speed_mps) / step_s
     if until_arrival_s < -ROUNDING:
-        return resume(observation)
+        return towards_v0(observation)
     if until_arrival_s <= step_s:
         # It arrives within this step; the gain at a0 from then on is spread over the whole step.
         return _gain_mps(observation, step_s - until_arrival_s, speed_mps) / step_s

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.errors import checked
 from harness.core.vocabulary import Observation, Vehicle
 
 EGO_ENTRIES = ("range_m", "speed_mps", "acceleration_mps2")
@@ -11,6 +12,7 @@ PEDESTRIAN_ENTRIES = ("present", "lateral_m", "remaining_m", "speed_mps", "on_cr
 """``present`` and ``on_crossing`` are 1 or 0; all entries of a missing pedestrian are 0."""
 
 
+@checked
 def observation_vector(observation: Observation, nearest: int) -> NDArray[np.float32]:
     """An observation as a vector.
 

@@ -13,7 +13,7 @@ from threading import Thread
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from harness.core.errors import Parameter, in_one_line
+from harness.core.errors import Parameter, checked, in_one_line
 from harness.core.vocabulary import SPEED_ROUNDING, Arm, Arrival, Ending, Observation, Side, Trace
 from harness.encounter.arms import make_strategy
 from harness.encounter.cell_constants import constants_of
@@ -150,6 +150,7 @@ class Play:
         return BrokenRuleError(f"{self.scene}, step {self.step_s:g} s: {problem}", seen, rule)
 
 
+@checked
 def check_strategy(
     strategy: str | type,
     model: InteractionModel | None = None,
@@ -165,7 +166,7 @@ def check_strategy(
         model: the interaction model for strategies that use it; None means the scenario's.
         scenario: gives the crosswalk, the ego, its actuation and the strategy's parameters.  The
             scenes give the pedestrians and may change the ego.
-        settings: changes to a scenario that is given by name or path.
+        settings: changes to the scenario.
         limit_s: wall-time limit for all scenes together.
 
     Returns:
@@ -176,8 +177,7 @@ def check_strategy(
             invalid.
     """
     name = validate({"arms": {"av": strategy}}, "strategy").arms.av
-    if not isinstance(scenario, Scenario):
-        scenario = load_scenario(scenario, settings)
+    scenario = load_scenario(scenario, settings)
     model = model or load_model(scenario.model.name, scenario.model.path)
     factory, given = find_strategy(name, Parameter("strategy")), scenario.strategies.get(name, {})
     check_parameters(factory, given, table_key(name))

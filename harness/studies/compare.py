@@ -8,13 +8,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from harness.core.errors import InputError, Parameter
+from harness.core.errors import InputError, Parameter, checked
 from harness.core.seeding import resampling
+from harness.core.vocabulary import ROUNDING
 from harness.results import estimators
 from harness.results.catalogue import ENTRY_OF, Entry
 from harness.results.cell_findings import worst_cases
 from harness.results.cell_tables import drivers, scope_of, shown, table_of
-from harness.results.columns import AV, REFERENCE, Sample
+from harness.results.columns import AV, REFERENCE, PairSample
 from harness.results.estimators import EQUAL, FEW, Sampling
 from harness.results.finding import Finding, Form, Plain
 from harness.results.loaded_run import Run, older_code
@@ -34,9 +35,6 @@ MOST_ROWS = 40
 SIGNIFICANT = 0.05
 """A note says who crashes more often if the adjusted p is below it."""
 
-_SAME = 1e-9
-"""References of two runs are the same up to this difference, absolute and relative."""
-
 _LEAST_P = 1e-9
 """A p of 0 is shown as this number, hence as < 0.001."""
 
@@ -54,20 +52,18 @@ class Difference(NamedTuple):
     of: Callable[[Any, Any, Sampling], Finding]
 
 
-def _time_ratio(a: Sample, b: Sample, sampling: Sampling) -> Finding:
+def _time_ratio(a: PairSample, b: PairSample, sampling: Sampling) -> Finding:
     (a_s, reference_s), (b_s, _) = a["counted_time_s"], b["counted_time_s"]
     return estimators.difference(a_s, b_s, sampling, reference_s)
 
 
-def _mu(a: Sample, b: Sample, sampling: Sampling) -> Finding:
-    return estimators.difference(a["tau"], b["tau"], sampling)
+def _mean(a: PairSample, b: PairSample, sampling: Sampling, column: str) -> Finding:
+    """Of a column of both arms, or of the pairs."""
+    a_of_av, b_of_av = (np.atleast_2d(each[column])[AV] for each in (a, b))
+    return estimators.difference(a_of_av, b_of_av, sampling)
 
 
-def _mean(a: Sample, b: Sample, sampling: Sampling, column: str) -> Finding:
-    return estimators.difference(a[column][AV], b[column][AV], sampling)
-
-
-def _share(a: Sample, b: Sample, _sampling: Sampling, column: str, ran: str) -> Finding:
+def _share(a: PairSample, b: PairSample, _sampling: Sampling, column: str, ran: str) -> Finding:
     marked, trials = ([each[name][AV] for each in (a, b)] for name in (column, ran))
     return estimators.share_difference(*marked, *trials)
 
@@ -76,7 +72,7 @@ _SHARE = Style(Form.SHARE, 1)
 # fmt: off
 DIFFERENCES = (
     Difference("time_ratio_difference", "ratio of times", Style(digits=3), 500, _time_ratio),
-    Difference("mu_difference", "μ", Style(digits=3), 500, _mu),
+    Difference("mu_difference", "μ", Style(digits=3), 500, partial(_mean, column="tau")),
     Difference("delay_difference_s", "delay, s", Style(), 500, partial(_mean, column="delay_s")),
     Difference("delay_worst_difference_s", "delay, worst case, s", Style(), 1_000,
                partial(_mean, column="worst_delay_s")),
@@ -149,6 +145,7 @@ class ComparedPair(NamedTuple):
     found: Mapping[str, Finding]
 
 
+@checked
 def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -> Result:
     """Compare every two cells that differ only in the AV's strategy, parameters or equipment.
 
@@ -280,7 +277,7 @@ def _refuse_other_people(group: Sequence[Candidate]) -> None:
             [each.sample(pairs)[name][REFERENCE] for name in _KINDS[each.run.kind].reference]
             for each in (first, other)
         )
-        same = np.isclose(a, b, rtol=_SAME, atol=_SAME, equal_nan=True).all(axis=0)
+        same = np.isclose(a, b, rtol=ROUNDING, atol=ROUNDING, equal_nan=True).all(axis=0)
         same |= np.isnan(a).all(axis=0) | np.isnan(b).all(axis=0)  # a simulation failed
         if not same.all():
             raise InputError(

@@ -12,14 +12,13 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from harness.core.documents import as_plain
-from harness.core.errors import InputError, refused_at
+from harness.core.errors import InputError, checked, refused_at, whole_number
 from harness.core.vocabulary import Arm, Ending
 from harness.encounter.arms import arm_key
 from harness.results.cell_findings import cell_findings
 from harness.results.estimators import CONFIDENCE
 from harness.results.result import flat
 from harness.scenario import Cell, EngineName, Scenario, Setting
-from harness.scenario.arguments import engine_named, whole_number
 from harness.strategies.registry import source_digests
 from harness.studies.running import workers as local
 from harness.studies.running.run import checked_models, scenario_file
@@ -39,6 +38,7 @@ _references: OrderedDict[str, pa.Table] = OrderedDict()
 """The rows of references by what they depend on."""
 
 
+@checked
 def evaluate(
     scenario: Scenario | str | Path,
     candidates: Sequence[Mapping[str, Any]],
@@ -83,7 +83,7 @@ def evaluate(
     numbers = pairs if isinstance(pairs, range) else range(whole_number("pairs", pairs, 1))
     if not numbers or numbers.step != 1 or numbers.start < 0:
         raise InputError("pairs", f"{pairs!r} is not accepted", "a range of numbers from 0, step 1")
-    tasks = _tasks(scenario, candidates, settings or {}, numbers, engine_named(engine))
+    tasks = _tasks(scenario, candidates, settings or {}, numbers, engine)
     own = {name for task in tasks for name in task.code}
     # All processes start at once: they serve later calls too.
     executor = local.executor_for(workers, own, local.QUICK_PAIRS * local.default_workers())
@@ -119,12 +119,10 @@ def _tasks(
     """A task of all pairs for each candidate."""
     file, scenarios = scenario_file(scenario, settings), list[Scenario]()
     people = file.scenario().experiment
-    if isinstance(candidates, Mapping | str) or not candidates:
-        raise InputError("candidates", f"{candidates!r}", "a list of tables of settings")
+    if not candidates:
+        raise InputError("candidates", "there is none", "one or more")
     for number, given in enumerate(candidates):
         with refused_at(where := f"candidates[{number}]"):
-            if not isinstance(given, Mapping) or not all(isinstance(key, str) for key in given):
-                raise InputError(where, f"{given!r} is not accepted", "settings by dotted key")
             each = file.scenario([Setting(key, value, where) for key, value in given.items()])
             if (each.experiment.seed, each.experiment.pairs) != (people.seed, people.pairs):
                 allowed = "the seed in `settings`, and `pairs`"

@@ -9,13 +9,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from harness.core.errors import checked, whole_number
 from harness.core.vocabulary import Arm
 from harness.encounter.pairing import PairRunner
 from harness.engine.shared import close_engine, open_engine
 from harness.measures import Outcome
 from harness.results.rows import trace_rows
 from harness.scenario import EngineName, Scenario
-from harness.scenario.arguments import engine_named, whole_number
 from harness.studies.running.run import checked_models, scenario_file
 
 if TYPE_CHECKING:
@@ -53,6 +53,7 @@ class PairOutcome:
         return f"<PairOutcome {self.pair}: {endings}>"
 
 
+@checked
 def run_pair(
     scenario: Scenario | str | Path,
     pair: int = 0,
@@ -81,7 +82,7 @@ def run_pair(
     >>> run_pair("cctc", 17, settings={"arms.av": "hard_yield"}, engine="plain").av.record.stops
     0
     """
-    chosen, engine = scenario_file(scenario, settings or {}).scenario(), engine_named(engine)
+    chosen = scenario_file(scenario, settings or {}).scenario()
     pair = whole_number("pair", pair, 0)
     (model,) = checked_models([chosen], engine)
     runner = PairRunner(chosen, model, lambda: open_engine(chosen, engine))

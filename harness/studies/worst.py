@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
 
-from harness.core.errors import InputError, Parameter, unknown_name
+from harness.core.errors import InputError, Parameter, checked, unknown_name, whole_number
 from harness.core.vocabulary import Arm, Ending
 from harness.measures.measured import COLUMNS, MEASURES
 from harness.results.finding import Finding, Form, Plain
@@ -47,12 +47,13 @@ _FINAL = 1_000_000.0
 """Badness above every value, for a crash or (for delay) a time-out."""
 
 
+@checked
 def worst(
     run: Run,
     by: str = "pet_s",
     most: int = 20,
     *,
-    arm: Arm | str = Arm.AV,
+    arm: Arm | Literal["av", "human"] = Arm.AV,
     cell: int | None = None,
     driver: WhoDrove | None = None,
 ) -> Result:
@@ -83,10 +84,7 @@ def worst(
             problem = f"neither small nor large values of {by} are bad"
             raise InputError(Parameter("by", by), problem, ", ".join(RANKED))
         raise unknown_name(Parameter("by", by), "measure", by, RANKED)
-    if most < 1:
-        raise InputError(Parameter("most", most), "is not accepted", "1 or more")
-    if arm not in [*Arm]:
-        raise unknown_name(Parameter("arm", arm), "arm", str(arm), [*Arm])
+    most = whole_number(Parameter("most"), most, 1)
     if cell is not None:
         run.study.cell(cell)
     simulated = run.kind == "simulations"

@@ -9,8 +9,7 @@ import pytest
 from harness.core.vocabulary import Observation
 from harness.report.page import write_page, write_report
 from harness.report.shown import shown_pairs
-from harness.results.loaded_run import Run
-from harness.studies import result_of
+from harness.results.loaded_run import Run, load_run
 from harness.studies.allowed import allowed_in
 from harness.studies.candidates import groups_of
 from harness.studies.compare import compare
@@ -123,7 +122,7 @@ def test_a_run_in_which_every_episode_of_the_av_failed(tmp_path: Path) -> None:
         for number, av in enumerate((Failing, "hard_yield"))
     )
     line = "Every episode of the AV failed: nothing was tested."
-    assert line in [note.text for note in result_of(failed.path).notes[:2]]
+    assert line in [note.text for note in load_run(failed.path).result().notes[:2]]
     assert line in Page(write_report(failed.path).page).text
     refuses("all 51 episodes of av failed", lambda: worst(failed))
     (row,) = compare(failed, other).records

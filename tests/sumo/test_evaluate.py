@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from harness.core.errors import InputError
 from harness.engine.plain import PlainEngine
 from harness.studies.evaluate import evaluate
 from harness.studies.running.run import run
+from tests.scenes import refuses
 
 SETTINGS = {"arms.av": "gap_yield"}
 GAP = "strategies.gap_yield.critical_gap_s"
@@ -46,12 +46,10 @@ def test_the_reference_is_driven_once(monkeypatch: pytest.MonkeyPatch) -> None:
     ("candidates", "line"),
     [
         ([], "candidates"),
-        ({GAP: 1.0}, "candidates"),
         ([{}, {"ego.colour": 1}], r"candidates\[1\]"),
         ([{"experiment.seed": 3}], r"candidates\[0\].*other people"),
         ([{}, {"arms.av": "nobody"}], r"candidates\[1\].*unknown strategy"),
     ],
 )
 def test_a_refused_candidate_is_named(candidates: Any, line: str) -> None:
-    with pytest.raises(InputError, match=line):
-        evaluate("cctc_flow", candidates, 2, engine="plain", workers=0)
+    refuses(line, lambda: evaluate("cctc_flow", candidates, 2, engine="plain", workers=0))

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from harness.core.errors import InputError
 from harness.core.vocabulary import Arm
 from harness.report.shown import chosen_pairs, shown_pairs
 from harness.results.folder import read_cell
@@ -12,6 +11,7 @@ from harness.results.loaded_run import Run
 from harness.studies.running.replay import replay
 from harness.studies.running.run import run
 from harness.studies.worst import worst
+from tests.scenes import refuses
 
 FILES = {"fcd.xml", "tripinfo.xml", "collisions.xml", "site.net.xml"}
 
@@ -70,6 +70,5 @@ def test_the_worst_come_first_and_each_has_its_command(stored: Run) -> None:
     assert [record["pair"] for record in result.records] == rows["pair"].tolist()
     assert f"--pair {rows['pair'].iloc[0]} --arm av --gui" in result.closing[0]
     assert len({key for keys in chosen_pairs(stored).values() for key in keys}) == 8
-    for by, line in (("delays", "unknown measure"), ("arrivals", "neither small nor large")):
-        with pytest.raises(InputError, match=line):
-            worst(stored, by)
+    refuses("unknown measure", lambda: worst(stored, "delays"))
+    refuses("neither small nor large", lambda: worst(stored, "arrivals"))

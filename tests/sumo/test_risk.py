@@ -8,10 +8,10 @@ import pandas as pd
 import pytest
 
 import harness
-from harness.core.errors import InputError
 from harness.results import folder
 from harness.studies.risk.estimate import read_risk
 from tests.batches import QUICK, here, options_of, printed, refusal
+from tests.scenes import refuses
 
 UNHINDERED = ("risk", "cctc", "--set", "arms.av=constant_speed", "--target-cv", 0.3)
 
@@ -60,8 +60,7 @@ def test_a_finished_one_is_only_shown_and_an_edited_one_is_refused(
     monkeypatch.setattr(folder, "code_digest", lambda: "of other code")
     assert read_risk(again) == stored  # from the draws
     min((again / "draws").iterdir()).unlink()
-    with pytest.raises(InputError, match="draws: parts are missing"):
-        read_risk(again)
+    refuses("draws: parts are missing", lambda: read_risk(again))
     (again / "findings.json").write_text("{}")
     assert "findings.json: is damaged" in refusal("resume", again)
 

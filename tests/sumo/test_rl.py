@@ -5,12 +5,13 @@ import pytest
 
 pytest.importorskip("gymnasium")
 
-from harness.core.errors import EngineError, InputError
+from harness.core.errors import EngineError
 from harness.core.vocabulary import Arm, Ending
 from harness.encounter.pairing import PairRunner
 from harness.engine.shared import close_engine, open_engine
 from harness.model.interaction import load_model
 from harness.scenario import Setting, load_scenario
+from tests.scenes import refuses
 from tests.unit.test_rl import BUSY, drive, environment, measured
 
 pytestmark = pytest.mark.usefixtures("no_simulation")
@@ -41,8 +42,7 @@ def test_the_same_records_as_the_harness_after_episodes_broken_off():
 def test_one_open_episode_in_sumo_per_process_and_a_new_sumo_after_a_lost_one():
     first, second = environment(engine="sumo"), environment(engine="sumo")
     first.reset()
-    with pytest.raises(InputError, match="another environment"):
-        second.reset()
+    refuses("another environment", second.reset)
     first.close()
     expected = drive(second, lambda _: 0.0, options={"pair": 0})[0]
     second.reset()

@@ -11,7 +11,7 @@ import pytest
 from harness.core.vocabulary import Arm
 from harness.engine.arm_files import CONFIG_FILE, STATES_FILE, TRIPS_FILE, write_config
 from harness.engine.configuration import read_config
-from harness.engine.installation import program
+from harness.engine.installation import program_path
 from harness.engine.shared import close_engine
 from harness.engine.town_reader import read_town
 from harness.model.interaction import load_model
@@ -74,7 +74,7 @@ def test_nobody_driven_is_sumo_untouched(tmp_path: Path) -> None:
     # The configuration leads all outputs into its own folder.
     plain = tmp_path / "arm" / "plain.xml"
     config = str(tmp_path / "arm" / CONFIG_FILE)
-    call(tmp_path, program("sumo"), "-c", config, "--tripinfo-output", plain.name)
+    call(tmp_path, program_path("sumo"), "-c", config, "--tripinfo-output", plain.name)
     ours = trips(tmp_path / "arm" / TRIPS_FILE)
     assert ours == trips(plain)
     rows = outcome["vehicles"]
@@ -101,7 +101,7 @@ def test_outputs_are_in_the_arms_folder_and_nothing_is_beside_the_users_files(
     )
     before = {path: path.read_bytes() for path in town.rglob("*.*")}
     path = write_config(read_config(config), arm, 1, keeps=keeps)
-    call(tmp_path, program("sumo"), "-c", str(path))
+    call(tmp_path, program_path("sumo"), "-c", str(path))
     assert {path: path.read_bytes() for path in town.rglob("*.*")} == before
     written = {path.name for path in arm.iterdir() if not path.name.startswith("ssm")}
     assert written == {CONFIG_FILE, TRIPS_FILE, "edges.xml", "lanes.xml", *[STATES_FILE][:keeps]}

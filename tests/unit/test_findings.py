@@ -9,7 +9,7 @@ from scipy import stats
 
 from harness.results import catalogue
 from harness.results.cell_findings import CellFindings
-from harness.results.columns import Sample
+from harness.results.columns import PairSample
 from harness.results.estimators import EQUAL, FEW, REPEATED
 from harness.results.finding import Finding, finding_to_dict
 from harness.results.result import flat
@@ -213,7 +213,7 @@ def test_equal_single_and_repeated_pairs_have_no_interval() -> None:
 def test_few_pairs_are_said_to_be_few(entry: catalogue.Entry) -> None:
     least = entry.reliable_from
     (cell,) = study({}).cells
-    sample = Sample(episodes([(8.0, HUMAN_S)], cell.scenario), cell.scenario, 0.95)
+    sample = PairSample(episodes([(8.0, HUMAN_S)], cell.scenario), cell.scenario, 0.95)
     for n, reliable in ((least - 1, False), (least, True)):
         given = Finding(1.0, 0.9, 1.1, n, reliable=True)
         made = replace(entry, estimate=lambda *_, given=given: given)

@@ -14,10 +14,10 @@ from harness.studies.models.fits import (
     by_rule,
     fit,
     log_scores,
+    processes,
     relative_gain,
     vehicle_folds,
 )
-from harness.studies.models.processes import processes
 from tests.scenes import refusal_of, refuses
 
 

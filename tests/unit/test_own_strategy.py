@@ -184,10 +184,8 @@ def test_a_class_stands_for_its_name(write: Write) -> None:
     file = read_scenario_file("cctc", {"arms.av": mine.Steady})
     assert file.scenario().arms.av == "mine_of_a_class:Steady"
     study = study_of(read_scenario_file("cctc"), [("arms.av", [mine.Steady, "hard_yield"])])
-    assert [cell.varied["arms.av"] for cell in study.cells] == [
-        "mine_of_a_class:Steady",
-        "hard_yield",
-    ]
+    varied = [cell.varied["arms.av"] for cell in study.cells]
+    assert varied == ["mine_of_a_class:Steady", "hard_yield"]
     local = type("Steady", (), {"__module__": "__main__"})
     for nameless in (local, type("Steady", (), {"__module__": "mine_of_a_class"})):
         with pytest.raises(InputError, match=r"^settings arms.av: .* a class of a module"):

@@ -6,6 +6,7 @@ import importlib
 import inspect
 import re
 import tomllib
+from functools import partial
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
@@ -21,6 +22,7 @@ from harness.model.sample import WEIGHINGS
 from harness.scenario import EngineName
 from harness.studies.models.fits import Choice
 from harness.studies.worst import WhoDrove
+from tests.scenes import refuses
 
 ROOT = Path(harness.__file__).parents[1]
 PUBLIC: Any = harness
@@ -45,6 +47,35 @@ def test_every_public_name_is_there_and_says_what_it_is(name: str) -> None:
     if inspect.isfunction(found):
         assert inspect.signature(found).parameters.keys() <= {*re.findall(r"\w+", found.__doc__)}
         assert "Returns:" in found.__doc__ or found.__doc__.startswith(("The ", "A ", "An "))
+
+
+CALLED = {"CrosswalkEnv", *(n for n in PUBLIC.__all__ if inspect.isfunction(getattr(PUBLIC, n)))}
+NEEDED: dict[str, tuple[Any, ...]] = {
+    "compare": (),
+    "evaluate": ("cctc", [{}], 1),
+    "study_of": (harness.read_scenario_file("cctc"),),
+    "worst": (object.__new__(harness.Run),),
+}
+"""Arguments without a default, of the right type; those of other functions are a text."""
+
+
+@pytest.mark.parametrize("name", sorted(CALLED - {"acceleration_of", "observation_vector"}))
+def test_an_argument_of_a_wrong_type_is_refused_in_one_line(name: str) -> None:
+    names = inspect.signature(getattr(harness, name)).parameters
+    known = dict(zip(names, NEEDED.get(name, ("cctc",)), strict=False))
+    for wrong in names.keys() - {"runs"}:
+        line = rf"\A{wrong}: <object.* is not accepted; allowed: .*\Z"
+        refuses(line, partial(getattr(harness, name), **{**known, wrong: object()}))
+
+
+def test_a_wrong_name_or_part_is_refused_with_the_nearest() -> None:
+    (run,), (file,) = NEEDED["worst"], NEEDED["study_of"]
+    refuses("arm: unknown .* did you mean 'human'", lambda: PUBLIC.worst(run, arm="huma"))
+    refuses("driver: unknown .* mean 'reference'", lambda: PUBLIC.worst(run, driver="refer"))
+    refuses("engine: unknown .* mean 'plain'", lambda: PUBLIC.run_pair("cctc", engine="plian"))
+    refuses("settings 3: unknown", lambda: PUBLIC.load_scenario("cctc", {3: 1}))
+    refuses(r"variations\[1\]: 3 is", lambda: PUBLIC.study_of(file, [("a", []), 3]))
+    refuses("runs: 'x' .* allowed: Run", lambda: PUBLIC.compare("x"))
 
 
 def test_citation_and_changelog_name_the_version() -> None:

@@ -26,7 +26,7 @@ from harness.studies.risk.draws import (
     draw_units,
 )
 from harness.studies.risk.estimate import risk_findings, risk_notes
-from harness.studies.risk.space import EVENTS, Space, parse_event, space_of
+from harness.studies.risk.space import LIMITED, Space, parse_event, space_of
 from tests.risks import (
     CROWD,
     FLAT,
@@ -244,7 +244,7 @@ def test_a_crash_is_in_events_of_small_values() -> None:
     assert speed.scores(Record(Ending.CRASHED, contact_speed_mps=3.0)) == (2.0, 2.0, 2.0, 2.0)
 
 
-@pytest.mark.parametrize("text", EVENTS)
+@pytest.mark.parametrize("text", LIMITED)
 def test_an_event_is_a_measure_beyond_a_limit(text: str) -> None:
     event: Any = parse_event(f"{text}1")
     for value in (0, 2):

@@ -12,7 +12,7 @@ gymnasium = pytest.importorskip("gymnasium")
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 from examples.policies import NEAREST, YieldToTheNearest, yield_to_the_nearest  # noqa: E402
-from harness.core.errors import InputError, StrategyError  # noqa: E402
+from harness.core.errors import StrategyError  # noqa: E402
 from harness.core.vocabulary import Crossing, EgoView, Ending, Observation, PedestrianView, Side  # noqa: E402
 from harness.model.interaction import load_model  # noqa: E402
 from harness.scenario import Setting, load_scenario  # noqa: E402
@@ -146,27 +146,21 @@ def test_the_vector_takes_the_nearest_first():
 
 def test_misuse_is_refused_in_words():
     refuses("nearest", lambda: environment(nearest=0))
-    refuses("unknown engine 'plan'", lambda: environment(engine="plan"))
     refuses("is a simulation", lambda: environment(scenario="traffic"))
     refuses("flow_per_hour", lambda: environment({"pedestrians.flow_per_hours": 1}))
     refuses("pair", lambda: environment().reset(options={"pair": -1}))
-    with pytest.raises(InputError, match=r"unknown key 'paar'; .*did you mean 'pair'"):
-        environment().reset(options={"paar": 1})
+    refuses("key 'paar'; .*mean 'pair'", lambda: environment().reset(options={"paar": 1}))
     refuses("seed: 9223372036854775808 is not", lambda: environment().reset(seed=2**63))
-    refuses("unknown mode 'ansi'", lambda: environment(render_mode="ansi"))
     env = environment()
     env.reset()
     assert env.step(0.5)[0][1] > env.step(np.float32(-9.0))[0][1]
-    with pytest.raises(InputError, match="a number or an array of one"):
-        env.step(np.array([0.1, 0.2]))
+    refuses("a number or an array of one", lambda: env.step(np.array([0.1, 0.2])))
     with pytest.raises(StrategyError, match="the strategy returned nan"):
         env.step(np.array([math.nan]))
-    with pytest.raises(InputError, match="no episode has ended"):
-        _ = environment().unwrapped.record
-    with pytest.raises(InputError, match="after reset"):
-        environment().unwrapped.step(np.zeros(1, dtype=np.float32))
-    with pytest.raises(InputError, match="after reset"):
-        env.unwrapped.step(np.zeros(1))  # the error ended the episode
+    refuses("no episode has ended", lambda: environment().unwrapped.record)
+    refuses("after reset", lambda: environment().unwrapped.step(np.zeros(1, dtype=np.float32)))
+    # the error ended the episode
+    refuses("after reset", lambda: env.unwrapped.step(np.zeros(1)))
 
 
 def test_an_action_is_a_share_of_what_the_car_can_do():

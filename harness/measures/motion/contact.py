@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, FloatArray
+from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, ROUNDING, FloatArray
 
 _EPSILON_M = 1e-12
 """Rounding of a gap of 0, besides that of a root."""
@@ -83,8 +83,8 @@ def first_contact_in_step_s(
         if not 0 <= time <= duration_s:
             continue
         y = walker_y.at(time)
-        # A root is accurate to about 1e-9; grazing counts as a contact.
-        if gap_m(front.at(time), y, body) <= 1e-9 * max(1.0, abs(y)) + _EPSILON_M:
+        # A root is accurate to about ROUNDING; grazing counts as a contact.
+        if gap_m(front.at(time), y, body) <= ROUNDING * max(1.0, abs(y)) + _EPSILON_M:
             return time
     return None
 

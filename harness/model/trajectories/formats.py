@@ -34,6 +34,7 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
+from harness.core.documents import NonNegative, Positive
 from harness.core.errors import InputError
 from harness.core.vocabulary import ROUNDING, FloatArray
 from harness.model.trajectories.encounters import (
@@ -43,14 +44,7 @@ from harness.model.trajectories.encounters import (
     sampling_instants,
     spans_gap,
 )
-from harness.model.trajectories.rules import (
-    ROW_COLUMNS,
-    TEXT_COLUMNS,
-    ExtractionRules,
-    NonNegative,
-    Positive,
-    Tally,
-)
+from harness.model.trajectories.rules import ROW_COLUMNS, TEXT_COLUMNS, ExtractionRules, Tally
 from harness.model.trajectories.table import (
     Columns,
     EmptyTableError,

@@ -3,12 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from operator import gt, lt
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 import pandas as pd
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, model_validator
 
+from harness.core.documents import NonNegative, Positive
 from harness.core.errors import InputError
 
 ROW_COLUMNS = (
@@ -56,9 +57,6 @@ REASONS: Mapping[Level, Mapping[str, str]] = {
 """Every reason for leaving something out, in the order in which it is checked.  A dropped item
 counts under the first reason that applies, so the counts of one level add up.  The reasons of
 candidates are bounds of ``ExtractionRules``, of the column whose name follows."""
-
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
 
 
 class ExtractionRules(BaseModel):

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.freezing import Frozen
-from harness.core.vocabulary import FloatArray
+from harness.core.vocabulary import ROUNDING, FloatArray
 
 _CELLS_PER_M = 1000.0
 """A fingerprint is of cells of 1 mm."""
@@ -134,7 +134,7 @@ class TravelPath(Frozen):
         gives the direction.
         """
         chord = self.at(arc_m + half_chord_m) - self.at(arc_m - half_chord_m)
-        if np.hypot(*chord) <= 1e-9 * half_chord_m:
+        if np.hypot(*chord) <= ROUNDING * half_chord_m:
             piece = int(np.searchsorted(self.arc_m, arc_m, side="right")) - 1
             piece = min(max(piece, 0), len(self.points) - 2)
             chord = self.points[piece + 1] - self.points[piece]

@@ -12,7 +12,7 @@ from harness.core.seeding import Given, GivenFirst, Purpose, stream
 from harness.core.vocabulary import PedestrianView
 from harness.strategies.perception.sensor import Sensor
 
-Seen = tuple[PedestrianView, bool]
+Sighting = tuple[PedestrianView, bool]
 """A pedestrian, and whether the sensor sees them."""
 
 
@@ -82,7 +82,7 @@ class Detection:
         self._wait, self._found = next(self._later), False
         self._dropout = track.stream("dropout") if self._lost > 0 else None
 
-    def __call__(self, view: PedestrianView, seen: bool) -> Seen:
+    def __call__(self, view: PedestrianView, seen: bool) -> Sighting:
         """The same pedestrian, and whether they are tracked after one more update."""
         return view, self.found(seen)
 
@@ -124,7 +124,7 @@ class Noise:
         errors = self._noise.standard_normal(2)
         self._errors = ndtri(np.array(given)) if given else errors
 
-    def __call__(self, view: PedestrianView, seen: bool) -> Seen:
+    def __call__(self, view: PedestrianView, seen: bool) -> Sighting:
         """The pedestrian where the sensor takes them to be, which it does at every update."""
         place_m, speed_mps = self.next_errors()
         if not seen:
@@ -150,8 +150,7 @@ class TrackStream(NamedTuple):
     """Random numbers of the track of one pedestrian, from the stream of one purpose.
 
     Attributes:
-        given: how many of a pedestrian's first ones can be given, as those that a risk samples; if
-            any, ``[[pedestrians.drawn]]`` has a key for them.
+        given: how many of a pedestrian's first ones can be given, as those that a risk samples.
         later: what the others decide, in words; empty if a risk need not tell.
         drawn: whether a sensor with the error draws them on the way to the crosswalk.
     """
@@ -171,7 +170,7 @@ class TrackError(NamedTuple):
         streams: its random numbers by purpose, in the order in which a risk samples them.
     """
 
-    begin: Callable[[SensorTrack], Callable[[PedestrianView, bool], Seen]]
+    begin: Callable[[SensorTrack], Callable[[PedestrianView, bool], Sighting]]
     keys: tuple[str, ...]
     streams: Mapping[Purpose, TrackStream]
 

@@ -10,10 +10,7 @@ from collections.abc import Callable, Iterable
 from harness.core.seeding import stream
 from harness.core.vocabulary import PedestrianView, Views
 from harness.strategies.perception.sensor import Sensor
-from harness.strategies.perception.track_errors import ERRORS, Seen, SensorTrack
-
-Look = Callable[[], Iterable[Seen]]
-"""Returns everybody at the crosswalk, and whether they are in range and in sight."""
+from harness.strategies.perception.track_errors import ERRORS, SensorTrack, Sighting
 
 
 def track_from(sensor: Sensor, pair: int, vehicle: tuple[int, ...], index: int) -> SensorTrack:
@@ -50,16 +47,17 @@ class Updates:
     def __init__(self, sensor: Sensor, new_track: Callable[[int], SensorTrack]) -> None:
         self._sensor, self._new_track = sensor, new_track
         self._errors = [error for error in ERRORS if error.is_of(sensor)]
-        self._tracks: dict[int, list[Callable[[PedestrianView, bool], Seen]]] = {}
+        self._tracks: dict[int, list[Callable[[PedestrianView, bool], Sighting]]] = {}
         self._findings: deque[tuple[int, Views]] = deque()
         self._shown: Views = ()
         self._step = -1
 
-    def shown(self, look: Look) -> Views:
+    def shown(self, look: Callable[[], Iterable[Sighting]]) -> Views:
         """The pedestrians that the driver sees at the next step.
 
         Args:
-            look: returns the ground truth; it is called only at updates.
+            look: returns everybody at the crosswalk, and whether they are in range and in sight; it
+                is called only at updates.
         """
         self._step += 1
         step = self._step
@@ -70,7 +68,7 @@ class Updates:
             self._shown = self._findings.popleft()[1]
         return self._shown
 
-    def _found(self, people: Iterable[tuple[PedestrianView, bool]]) -> Iterable[PedestrianView]:
+    def _found(self, people: Iterable[Sighting]) -> Iterable[PedestrianView]:
         for seen in people:
             index = seen[0].index
             if index not in self._tracks:

@@ -11,6 +11,7 @@ import numpy as np
 
 from harness.core.errors import InputError
 from harness.core.versions import versions_of_fits
+from harness.core.vocabulary import Progress
 from harness.model.interaction import (
     INVERSE_RANGE,
     VARIABLES,
@@ -23,7 +24,6 @@ from harness.results.estimators import CONFIDENCE
 from harness.results.finding import Finding
 from harness.studies.models import fits
 from harness.studies.models.fits import TARGETS, FitSettings, Fitted, HeldOut
-from harness.studies.models.processes import processes
 
 NEAR = MappingProxyType(
     {"range_m": 30.0, "vehicle_speed_mps": 5.0, "within_m": 5.0, "within_mps": 1.0}
@@ -36,7 +36,7 @@ _NORMAL = NormalDist().inv_cdf((1 + CONFIDENCE) / 2)
 SCORE_RELIABLE_FROM = 100
 """Vehicles from which a score's interval is reliable."""
 
-FEW = 10
+FEW_NEAR = 10
 """The card warns if fewer vehicles or effective rows than this are near the scenario's state."""
 
 
@@ -130,8 +130,8 @@ def _data_warnings(sample: Sample, near: Mapping[str, Any]) -> Iterable[str]:
         )
     place = f"({near['range_m']:g} m, {near['vehicle_speed_mps']:g} m/s)"
     for key, words in (("vehicles", "vehicles"), ("effective_rows", "effective rows")):
-        if near[key] is not None and near[key] < FEW:
-            yield f"Near {place} the model has only {near[key]:.3g} {words}, fewer than {FEW}."
+        if near[key] is not None and near[key] < FEW_NEAR:
+            yield f"Near {place} the model has only {near[key]:.3g} {words}, fewer than {FEW_NEAR}."
 
 
 def _candidates(fitted: Fitted, gain: Mapping[int, float]) -> Iterable[dict[str, Any]]:
@@ -174,7 +174,7 @@ def fit_model(
     weigh: str,
     bounds: Sequence[str],
     workers: int,
-    progress: fits.Progress,
+    progress: Progress,
 ) -> InteractionModel:
     """Fit a model to a file of rows and write it.
 
@@ -190,7 +190,7 @@ def fit_model(
     """
     file = read_rows(rows)
     sample = make_sample(file.rows, weigh, *box_of(bounds))
-    with processes(workers) as executor:
+    with fits.processes(workers) as executor:
         fitted = fits.fit(sample, settings, executor, progress)
         made = fitted.chosen.fit.mixture
         return write_model(out, made, name, card(sample, settings, fitted, file, command))

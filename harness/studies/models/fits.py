@@ -1,20 +1,27 @@
 """Fits the interaction model: a fit and a held-out score for every K, and the chosen K.
 
 Each fit has a seed of its own and one thread, so results do not depend on the number of processes.
+These do not hear Ctrl-C, and end with the process that started them.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Executor, as_completed
+import os
+import signal
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from functools import partial
+from multiprocessing import get_context, resource_tracker
+from multiprocessing.connection import Connection
+from threading import Thread, current_thread, main_thread
 from types import MappingProxyType
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from harness.core.errors import HarnessError, InputError, Parameter
 from harness.core.freezing import frozen
 from harness.core.seeding import resampling
-from harness.core.vocabulary import FloatArray, IntArray
+from harness.core.vocabulary import FloatArray, IntArray, Progress, ignore
 from harness.model.interaction import DRIVING_GIVEN, PEDESTRIAN_SPEED, VEHICLE_SPEED, WALKING_GIVEN
 from harness.model.mixture.conditional import Conditional
 from harness.model.mixture.distribution import TruncatedGaussianMixture
@@ -22,7 +29,6 @@ from harness.model.mixture.fitting import FitResult, fit_mixture
 from harness.model.sample import LABELS, Sample
 
 Choice = Literal["held-out", "bic", "rule"]
-Progress = Callable[[int, int], None]
 
 MOST_COMPONENTS = 100
 
@@ -137,7 +143,7 @@ def fit(
     sample: Sample,
     settings: FitSettings,
     executor: Executor | None = None,
-    progress: Progress = lambda _done, _planned: None,
+    progress: Progress = ignore,
 ) -> Fitted:
     """Fit every K to a sample, score each on vehicles that its fits have not seen, and choose one.
 
@@ -350,3 +356,56 @@ def relative_gain(bic: Mapping[int, float]) -> dict[int, float]:
     if not {1, 2} <= set(bic) or bic[1] <= bic[2]:
         return {}
     return {k: (bic[k - 1] - bic[k]) / (bic[1] - bic[2]) for k in sorted(bic) if k - 1 in bic}
+
+
+class _Processes(ProcessPoolExecutor):
+    """Processes that do not hear Ctrl-C."""
+
+    def submit(self, fn: Any, /, *arguments: Any, **options: Any) -> "Future[Any]":
+        """Submit a call; a process that starts here inherits the blocked signal.
+
+        An interruption waits until it has started: half a start would print a traceback.
+        """
+        came: list[int] = []
+        # Python handles signals in the main thread, and only there may their handlers be changed.
+        numbers = (signal.SIGINT, signal.SIGTERM) if current_thread() is main_thread() else ()
+        noting = [(of, signal.signal(of, lambda number, _: came.append(number))) for of in numbers]
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            return super().submit(fn, *arguments, **options)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            for number, handler in noting:
+                signal.signal(number, handler)
+            if came:
+                signal.raise_signal(came[0])
+
+
+@contextmanager
+def processes(workers: int) -> Iterator[Executor | None]:
+    """Yield an executor of so many processes, which end at once on an exception; None for one."""
+    if workers == 1:
+        yield None
+        return
+    resource_tracker.ensure_running()  # it would unblock the signal
+    context = get_context("spawn")
+    theirs, ours = context.Pipe(duplex=False)
+    with theirs, ours:
+        pool = _Processes(workers, context, _end_with, (theirs,))
+        try:
+            yield pool
+        except BaseException:
+            ours.close()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+        pool.shutdown()
+
+
+def _end_with(pipe: Connection) -> None:
+    """End this process when the other end of a pipe is closed, by its parent or with it."""
+
+    def watch() -> None:
+        pipe.poll(None)
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()

@@ -6,7 +6,7 @@ intervals over vehicles, because the passages of one vehicle, or of its copies, 
 """
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -18,7 +18,7 @@ import pandas as pd
 from harness.core.errors import HarnessError, InputError, inside
 from harness.core.seeding import resampling, stream
 from harness.core.versions import versions_of_fits
-from harness.core.vocabulary import Ending, FloatArray, Strategy, StrategyFactory, Trace
+from harness.core.vocabulary import Ending, Progress, Strategy, StrategyFactory, Trace, ignore
 from harness.encounter.arms import check_arms, named_strategy, uses_of
 from harness.encounter.cell_constants import CellConstants
 from harness.encounter.loop import Episode, drive
@@ -39,7 +39,6 @@ from harness.scenario import Scenario, Setting, load_scenario
 from harness.scenario.file import parts_of
 from harness.scenario.pedestrians import PedestriansSection
 from harness.scenario.sections import Mark, Section, marked
-from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import find_strategy
 from harness.studies.models.fits import FitSettings, fit_weighted, vehicle_folds
@@ -54,7 +53,7 @@ RELIABLE_VEHICLES = 200
 FOLDS = 5
 """Folds of vehicles: a model that was fitted on the same data is fitted again without each."""
 
-COLUMNS: Mapping[Column, Style] = MappingProxyType({
+SCORES: Mapping[Column, Style] = MappingProxyType({
     Column("pass_time_score_s", "score, s", interval=True): Style(),
     Column("pass_time_error_mean_s", "mean error, s"): Style(digits=1),
     Column("pass_time_error_median_s", "median |error|, s"): Style(digits=1),
@@ -79,7 +78,7 @@ def validate(
     format_: str,
     drivers: Sequence[str],
     settings: Sequence[Setting] = (),
-    progress: Callable[[int, int], None] = lambda _done, _planned: None,
+    progress: Progress = ignore,
 ) -> Result:
     """Drive recorded passages with each driver; the nearest to the recorded drivers comes first.
 
@@ -170,7 +169,7 @@ def _result(
     facts = {**known, "passages": len(passages), "vehicles": vehicles, "encounters": encounters}
     facts |= versions_of_fits()
     rows = (
-        (record["driver"], *(Shown(record[column.key], style) for column, style in COLUMNS.items()))
+        (record["driver"], *(Shown(record[column.key], style) for column, style in SCORES.items()))
         for record in records
     )
     return Result(
@@ -178,7 +177,7 @@ def _result(
         title=f"Drivers in place of those recorded in {known['data']}, the nearest first",
         scope=f"{len(passages):,} passages of {vehicles} vehicles, {encounters:,} encounters",
         about="",
-        screen=Table("", (Column("driver", ""), *COLUMNS), tuple(rows)),
+        screen=Table("", (Column("driver", ""), *SCORES), tuple(rows)),
         full=(),
         notes=tuple(notes),
         closing=("All notes: --full. Page: --out PAGE.html",),
@@ -275,11 +274,11 @@ def drives_of(
 def _simulated(passage: RecordedPassage, strategy: Strategy, step_s: float) -> Trace:
     """A drive from the recorded start until the rear has left, or the time limit."""
     steps = len(passage.x_m) - 1 + round(BEYOND_S / step_s)
-    # An engine begins at v0.  Here the start speed differs from v0, except for the driver at
-    # constant speed, whose v0 is the start speed.
+    # An engine begins at v0.  Here the start speed differs from v0, except for a driver who keeps
+    # the start speed.
     begun = replace(passage.vehicle, initial_speed_mps=passage.start_speed_mps)
     rules = CellConstants(
-        vehicle=begun if isinstance(strategy, ConstantSpeed) else passage.vehicle,
+        vehicle=begun if getattr(strategy, "KEEPS_START_SPEED", False) else passage.vehicle,
         crossing=passage.crossing,
         pedestrians=PedestriansSection(kerb_wait_s=0.0),
         step_s=step_s,
@@ -305,7 +304,7 @@ def _passing(passage: RecordedPassage, trace: Trace) -> tuple[float, np.ndarray]
     return (len(trace.x_m) - 1) * trace.step_s if passed_s is None else passed_s, first
 
 
-def pass_time_score(error_s: FloatArray) -> float:
+def pass_time_score(error_s: np.ndarray) -> float:
     """The continuous ranked probability score of one passage's times to pass, in s.
 
     It is E|X − y| − ½ E|X − X'| over draws X, X' of the driver and the recorded y; without

@@ -276,7 +276,7 @@ def bound(rounds: Sequence[Units]) -> tuple[float | None, int, int]:
     return high, draws, events
 
 
-def interval(value: FloatArray, weighted: bool) -> tuple[float, float, float]:
+def interval_of_mean(value: FloatArray, weighted: bool) -> tuple[float, float, float]:
     """The coefficient of variation of the mean of some units' values, and its 95 % interval.
 
     Without weights the interval is Clopper–Pearson's.  Otherwise it is Student's t of ln p,

@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from harness.core.errors import InputError, Parameter, advised
 from harness.core.seeding import resampling
-from harness.core.vocabulary import Arm, Ending, Trace
+from harness.core.vocabulary import Arm, Ending, Progress, Trace, ignore
 from harness.encounter.loop import Episode
 from harness.encounter.pairing import PairRunner
 from harness.engine.shared import open_engine
@@ -114,7 +114,7 @@ class _Drawing:
                 *_passage(each.trace),
                 each.record.reason,
                 each.record.ending is Ending.TIMED_OUT,
-                json.dumps({"episode": at.number, **given}) if event else None,
+                json.dumps({"episode": at.number, "uniforms": given}) if event else None,
             )
 
     def _culprit(self, measured: Outcome) -> int | None:
@@ -150,7 +150,7 @@ def risk(
     engine: EngineName = "plain",
     workers: int | None = None,
     executor: Executor | None = None,
-    progress: runs.Progress = runs.quiet,
+    progress: Progress = ignore,
 ) -> Result:
     """Estimate the probability that an episode ends in an event.
 
@@ -188,7 +188,7 @@ def resume_risk(
     *,
     workers: int | None = None,
     executor: Executor | None = None,
-    progress: runs.Progress = runs.quiet,
+    progress: Progress = ignore,
 ) -> Result:
     """Continue an interrupted risk; parts that were lost or damaged are made again."""
     manifest, study = _read(path)
@@ -267,7 +267,7 @@ def risk_findings(rounds: Sequence[Units]) -> dict[str, Finding]:
     told["probability"] = Finding(None, n=n, events=0)
     told["nominal_high"] = told["all_ways_high"] = Finding(bound, n=draws, events=events)
     if total:
-        cv, low, high = risk_draws.interval(value, weighted)
+        cv, low, high = risk_draws.interval_of_mean(value, weighted)
         largest = float(value.max()) / total
         tails = special.bdtrc(events - 1, draws, high), special.bdtr(events, draws, low)
         doubts = {

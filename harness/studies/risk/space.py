@@ -17,7 +17,7 @@ from scipy.special import ndtr
 from harness.core.errors import InputError, Parameter
 from harness.core.seeding import GIVEN_DRAWS, Given, Purpose, stream
 from harness.core.vocabulary import SECONDS_PER_HOUR, Arm, Ending, FloatArray
-from harness.encounter.arms import draws, draws_from
+from harness.encounter.arms import draws_from, draws_numbers
 from harness.measures import EpisodeRecord
 from harness.scenario import Scenario
 from harness.strategies.perception.sensor import sensor_of
@@ -33,7 +33,7 @@ _FAR, _NEVER_NEAR = 1_000.0, 100.0
 """Added to the score if the event's measure is undefined; and to the smallest gap in m, which is
 the score without a conflict."""
 
-EVENTS = ("pet_s<", "min_ttc_s<", "min_gap_m<", "contact_speed_mps>")
+LIMITED = ("pet_s<", "min_ttc_s<", "min_gap_m<", "contact_speed_mps>")
 """The events with a limit."""
 
 _FORM = re.compile(r"\s*(\w+)\s*([<>])\s*(\d*\.?\d+)\s*")
@@ -104,8 +104,8 @@ def parse_event(text: str) -> Event:
     if text.strip() == "crashed":
         return Event()
     match = _FORM.fullmatch(text)
-    allowed = f"crashed, or a number after one of {' '.join(EVENTS)}, after < above 0"
-    if not match or match[1] + match[2] not in EVENTS or (match[2] == "<" and not float(match[3])):
+    allowed = f"crashed, or a number after one of {' '.join(LIMITED)}, after < above 0"
+    if not match or match[1] + match[2] not in LIMITED or (match[2] == "<" and not float(match[3])):
         raise InputError(Parameter("event", text), "is not an event", allowed)
     return Event("".join(match.groups()), match[1], float(match[3]))
 
@@ -195,7 +195,7 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
     fixed: list[Purpose] = ["timed_detection"] * timed if misses else []
     fixed += each * first + seen * (timed + first)
     by_chance = [of.later for of in drawn.values() if of.later]
-    if draws(scenario, arm):
+    if draws_numbers(scenario, arm):
         fixed += [draws_from(scenario, arm)] * GIVEN_DRAWS
         by_chance.append(f"what the strategy draws after its first {GIVEN_DRAWS} random numbers")
     rate = people.flow_per_hour / SECONDS_PER_HOUR

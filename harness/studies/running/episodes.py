@@ -1,12 +1,12 @@
 """Simulates the episodes of a task in the one SUMO of this process."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
 import pyarrow as pa
 
-from harness.core.vocabulary import Arm, Ending
+from harness.core.vocabulary import Arm, Ending, ignore
 from harness.encounter.arms import arm_key
 from harness.encounter.loop import Episode
 from harness.encounter.pairing import CHUNK_PAIRS, ArmOfPair, PairRunner
@@ -21,11 +21,7 @@ from harness.studies.running.tasks import EpisodeId, Task, TaskRows, Tell
 Runner = tuple[Cell, PairRunner]
 
 
-def _nobody(_episode: EpisodeId | None, _states: Sized | None) -> None:
-    """Nobody is told."""
-
-
-def run_task(task: Task, tell: Tell = _nobody) -> TaskRows:
+def run_task(task: Task, tell: Tell = ignore) -> TaskRows:
     """Simulate a task of any kind."""
     if task.own is not None:
         return task.own.run(task, tell)
@@ -38,7 +34,7 @@ def run_task(task: Task, tell: Tell = _nobody) -> TaskRows:
 
 
 def run_episodes(
-    task: Task, tell: Tell = _nobody, make_engine: Callable[[Scenario], Engine] | None = None
+    task: Task, tell: Tell = ignore, make_engine: Callable[[Scenario], Engine] | None = None
 ) -> TaskRows:
     """Simulate every episode of a task; those that were given up are recorded as failed.
 

@@ -1,6 +1,6 @@
 """Runs a study into a folder of parts, and resumes it."""
 
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from contextlib import contextmanager
 from dataclasses import replace
@@ -15,12 +15,14 @@ from harness.core.errors import (
     InterruptedRunError,
     Parameter,
     advised,
+    checked,
     in_one_line,
     reading,
     refused_at,
 )
 from harness.core.files import shipped_directory
 from harness.core.freezing import frozen
+from harness.core.vocabulary import Progress, ignore
 from harness.encounter.arms import check_arms
 from harness.engine.installation import check_packages
 from harness.model.interaction import InteractionModel, load_model
@@ -28,7 +30,6 @@ from harness.results import folder as folders
 from harness.results.loaded_run import Run, computed, load_run
 from harness.results.tables import TABLES_OF, TRACES
 from harness.scenario import EngineName, Scenario
-from harness.scenario.arguments import engine_named
 from harness.scenario.file import ScenarioFile, Settings, as_settings, read_scenario_file
 from harness.scenario.study import Study, study_from, study_of
 from harness.studies.running import claimed_folder
@@ -42,14 +43,8 @@ _AT_ONCE = 300
 Part = tuple[int, int]
 """Cell and first pair."""
 
-Progress = Callable[[int, int], None]
-"""Receives the numbers of finished and planned pairs."""
 
-
-def quiet(_done: int, _planned: int) -> None:
-    """No progress is shown."""
-
-
+@checked
 def run(
     scenario: Scenario | Study | str | Path,
     *,
@@ -62,7 +57,7 @@ def run(
     workers: int | None = None,
     engine: EngineName = "sumo",
     executor: Executor | None = None,
-    progress: Progress = quiet,
+    progress: Progress = ignore,
 ) -> Run:
     """Run every pair of every cell with both drivers, and write the run folder.
 
@@ -80,7 +75,7 @@ def run(
         executor: runs the tasks instead of processes of this machine, for example
             that of ``dask_executor``; it is not shut down.  If it is ``Limited``, it has no more
             than ``at_once`` tasks at a time.
-        progress: see ``Progress``.
+        progress: receives the numbers of finished and planned pairs.
 
     Returns:
         The finished run.  Episodes that failed are rows with a reason.
@@ -103,13 +98,13 @@ def run(
         study = scenario
     else:
         study = study_of(scenario_file(scenario, changes), [*(vary or {}).items()])
-    models, files = _checked(study, engine_named(engine))
+    models, files = _checked(study, engine)
     size = 1 if study.long_pairs else part_pairs(study.base.experiment.pairs)
     if study.long_pairs and (traces or engine != "sumo"):
         where = Parameter("traces") if traces else Parameter("engine", engine)
         raise InputError(where, "is not supported with simulations", "SUMO, without traces")
     manifest = claimed_folder.manifest_of(
-        study, models, traces=bool(traces), engine=engine, pairs_per_part=size, files=files
+        study, models, traces=traces, engine=engine, pairs_per_part=size, files=files
     )
     path = claimed_folder.claim_folder(out, study.name)
     with at_work(path, study, workers, executor) as (folder, chosen):
@@ -117,12 +112,13 @@ def run(
         return _carried_out(folder, study, manifest, models, (), chosen, progress)
 
 
+@checked
 def resume(
     path: Path | str,
     *,
     workers: int | None = None,
     executor: Executor | None = None,
-    progress: Progress = quiet,
+    progress: Progress = ignore,
 ) -> Run:
     """Continue an interrupted run; parts that were lost or damaged are simulated again.
 
@@ -163,18 +159,17 @@ def scenario_file(scenario: Scenario | str | Path, settings: Settings) -> Scenar
     Raises:
         InputError: the file is no scenario, or the folder holds no run.
     """
-    given, here = as_settings(settings), Path.cwd()
-    if isinstance(scenario, Scenario):
-        return ScenarioFile("scenario", "scenario", scenario.model_dump(), None, given, here)
-    folder = Path(scenario)
-    if not folder.is_dir() or (shipped_directory("scenarios") / f"{folder}.toml").is_file():
-        return read_scenario_file(scenario, given)
+    if isinstance(scenario, Scenario) or not (folder := Path(scenario)).is_dir():
+        return read_scenario_file(scenario, settings)
+    if (shipped_directory("scenarios") / f"{folder}.toml").is_file():
+        return read_scenario_file(scenario, settings)
     where = str(folder / folders.MANIFEST)
     with reading(where):
         study = study_from(folders.read_manifest(folder, old=True), where)
     cells = [{k: v for k, v in cell.varied.items() if v is not None} for cell in study.cells]
-    tree = study.base.model_dump()
-    return ScenarioFile(study.name, where, tree, cells if study.varied_keys else None, given, here)
+    tree, given = study.base.model_dump(), as_settings(settings)
+    sweep = cells if study.varied_keys else None
+    return ScenarioFile(study.name, where, tree, sweep, given, Path.cwd())
 
 
 def checked_models(
@@ -211,7 +206,7 @@ def _checked(study: Study, engine: EngineName) -> tuple[list[InteractionModel], 
     from harness.studies.running import simulations
 
     check_packages()
-    return simulations.checked(study)
+    return simulations.checked_simulations(study)
 
 
 def _whole_parts(

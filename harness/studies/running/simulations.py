@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import pyarrow as pa
 
-from harness.core.vocabulary import Arm
+from harness.core.vocabulary import Arm, ignore
 from harness.encounter.arms import arm_key, check_arms
 from harness.engine.arm_files import check_routes
 from harness.engine.installation import scratch_folder
@@ -26,7 +26,7 @@ FILES = "sumo"
 """The folder of a run for what SUMO reads and writes, with a folder for each cell and pair."""
 
 
-def checked(study: Study) -> tuple[list[InteractionModel], Mapping[str, str]]:
+def checked_simulations(study: Study) -> tuple[list[InteractionModel], Mapping[str, str]]:
     """The model of each cell and the hashes of the user's files, after all checks.
 
     Raises:
@@ -49,7 +49,7 @@ def checked(study: Study) -> tuple[list[InteractionModel], Mapping[str, str]]:
 
 def simulate_task(
     task: Task,
-    tell: Tell = lambda _episode, _steps: None,
+    tell: Tell = ignore,
     module: Module = "libsumo",
     more: Mapping[str, str] = MappingProxyType({}),
 ) -> TaskRows:

@@ -129,7 +129,7 @@ def executor_for(workers: int | None, drivers: Iterable[str], pairs: int) -> Own
     Raises:
         InputError: ``workers`` is refused.
     """
-    from harness.scenario.arguments import whole_number
+    from harness.core.errors import whole_number
     from harness.strategies.own import is_of_this_process
 
     number = default_workers() if workers is None else whole_number("workers", workers, 0)
