@@ -105,17 +105,9 @@ def is_on(value: str) -> bool:
 _REFUSED: Mapping[str, tuple[Callable[[str], bool], str, str]] = {
     "mesosim": (is_on, "the mesoscopic model has no positions of vehicles", "false"),
     "device.fcd-replay.enable": (is_on, "replayed vehicles cannot be driven", "false"),
-    "lateral-resolution": (
-        lambda text: float(text) > 0,
-        "the sublane model is not supported",
-        "0 or not given",
-    ),
+    "lateral-resolution": (lambda text: float(text) > 0, "the sublane model is not supported", "0"),
     "pedestrian.model": (lambda text: text != "striping", "is not supported", "striping"),
-    "remote-port": (
-        lambda text: text != "0",
-        "it waits for a TraCI client; nobody would answer for it",
-        "a scenario without a client",
-    ),
+    "remote-port": (lambda text: text != "0", "it waits for a client, and there is none", "0"),
     "load-state": (bool, "a loaded state is not supported", "none"),
 }
 """Options with a value that is not supported: whether it is one, what is wrong, what is allowed."""

@@ -6,7 +6,7 @@ import subprocess
 from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, gettempdir
 from typing import Literal
 
 from harness.core.errors import EngineError, InputError, one_line
@@ -14,6 +14,8 @@ from harness.core.errors import EngineError, InputError, one_line
 Program = Literal["sumo", "sumo-gui", "netconvert"]
 
 _PACKAGES = ("libsumo", "eclipse-sumo", "sumolib", "traci")
+_SCRATCH = "crosswalk-harness-{}-"
+"""How the names of a process's temporary folders begin, by its id."""
 
 
 def check_packages() -> None:
@@ -59,7 +61,13 @@ def program_path(name: Program) -> str:
 
 def scratch_folder() -> TemporaryDirectory[str]:
     """A new temporary folder; its name says which process to remove it after."""
-    return TemporaryDirectory(prefix=f"crosswalk-harness-{os.getpid()}-")
+    return TemporaryDirectory(prefix=_SCRATCH.format(os.getpid()))
+
+
+def remove_scratch(process: int) -> None:
+    """Remove the temporary folders of a process that was killed, by its id."""
+    for folder in Path(gettempdir()).glob(f"{_SCRATCH.format(process)}*"):
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def run_program(name: Program, arguments: Sequence[str], folder: Path | None = None) -> None:

@@ -78,9 +78,8 @@ def network_of(scenario: Scenario) -> Path:
         digest.update(f"\0{file_name}\0{text}".encode())
     directory = _cache_dir() / digest.hexdigest()[:24]
     net = directory / "site.net.xml"
-    if net.is_file():  # the network is the last file, so the folder is complete
-        return net
-    return build_network(crossing, directory, "site")
+    # The network is the last file, so the folder is complete.
+    return net if net.is_file() else build_network(crossing, directory, "site")
 
 
 def network_with_limit(scenario: Scenario) -> str:
@@ -122,8 +121,7 @@ def _without_comments(file: Path) -> str:
 
 def _cache_dir() -> Path:
     """The folder of built networks; empty environment variables are ignored."""
-    folder = os.environ.get(CACHE_VARIABLE)
-    if folder:
+    if folder := os.environ.get(CACHE_VARIABLE):
         return Path(folder).expanduser()
     base = os.environ.get("XDG_CACHE_HOME")
     return (Path(base) if base else Path.home() / ".cache") / "crosswalk-harness" / "networks"

@@ -4,7 +4,8 @@ import math
 from collections.abc import Sequence
 
 from harness.core.vocabulary import Arrival, Side, arrives_s
-from harness.engine.session import Session, lane_of
+from harness.engine.ids import lane_of
+from harness.engine.session import Session
 from harness.site.road_frame import RoadFrame
 
 WALKER = "walker"

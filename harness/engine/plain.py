@@ -9,6 +9,9 @@ from collections.abc import Sequence
 
 from harness.core.vocabulary import Arrival, Vehicle
 
+_LEADER_M = 1.0
+"""A leader holds a vehicle if the gap is at most this much longer than the one that SUMO keeps."""
+
 
 class PlainEngine:
     """Ballistic motion: constant acceleration within a step.
@@ -48,6 +51,24 @@ class PlainEngine:
     def close(self) -> None:
         """See ``Engine.close``; there is nothing to release."""
         self.closed = True
+
+
+def followed_m(
+    ahead_mps: float, speed_mps: float, decel_mps2: float, tau_s: float, step_s: float
+) -> float:
+    """The longest gap to a leader, without minGap, within which the leader holds a vehicle.
+
+    It is the distance that SUMO's Krauss driver keeps, and a metre.
+
+    Args:
+        ahead_mps: the leader's speed.
+        speed_mps: the vehicle's speed before the step.
+        decel_mps2: the greatest deceleration of both.
+        tau_s: the time headway that the vehicle keeps.
+        step_s: the length of a step.
+    """
+    stops_m = speed_mps * (tau_s + step_s + speed_mps / (2 * decel_mps2))
+    return max(stops_m - ahead_mps**2 / (2 * decel_mps2), 0.0) + _LEADER_M
 
 
 def slowing_mps(

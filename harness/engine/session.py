@@ -3,16 +3,19 @@
 import contextlib
 import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from importlib import import_module, metadata
+from operator import attrgetter
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, Protocol, TypeVar, get_type_hints
+from typing import Any, Literal, TypeVar, get_type_hints
 
 from harness.core.errors import EngineError, one_line
 from harness.core.vocabulary import ROUNDING
+from harness.engine.ids import lane_of
 from harness.engine.installation import program_path, run_program
+from harness.engine.plain import followed_m
+from harness.engine.protocol import LastStep, People, Vehicles, VehicleType
 
-Module = Literal["libsumo", "traci", "gui"]
+Runs = Literal["here", "apart", "window"]
 """Where SUMO runs: in this process, in another one, or in another one with a window."""
 
 _VIEW = "View #0"
@@ -36,111 +39,21 @@ _KEEP_ROUTE = 2
 """The person may leave their route."""
 _MATCH_THRESHOLD_M = 1.0
 """Distance within which SUMO searches for a lane."""
+_SIGHT_M = 9.0
+"""Leaders are looked for this much farther: SUMO's search counts the follower's minGap as way."""
 
-
-@dataclass(frozen=True, slots=True)
-class Vehicles:
-    """SUMO's functions for vehicles; most take a vehicle's id; each has SUMO's name for it."""
-
-    ids: Annotated[Callable[[], Sequence[str]], "getIDList"]
-    lane: Annotated[Callable[[str], str], "getLaneID"]
-    lane_position_m: Annotated[Callable[[str], float], "getLanePosition"]
-    odometer_m: Annotated[Callable[[str], float], "getDistance"]
-    speed_mps: Annotated[Callable[[str], float], "getSpeed"]
-    acceleration_mps2: Annotated[Callable[[str], float], "getAcceleration"]
-    position: Annotated[Callable[[str], tuple[float, float]], "getPosition"]
-    angle_deg: Annotated[Callable[[str], float], "getAngle"]
-    speed_factor: Annotated[Callable[[str], float], "getSpeedFactor"]
-    type: Annotated[Callable[[str], str], "getTypeID"]
-    headway_s: Annotated[Callable[[str], float], "getTau"]
-    set_speed: Annotated[Callable[[str, float], object], "setSpeed"]
-    remove: Annotated[Callable[[str], object], "remove"]
-
-
-@dataclass(frozen=True, slots=True)
-class People:
-    """SUMO's functions for people; most take a person's id; each has SUMO's name for it."""
-
-    ids: Annotated[Callable[[], Sequence[str]], "getIDList"]
-    next_edge: Annotated[Callable[[str], str], "getNextEdge"]
-    position: Annotated[Callable[[str], tuple[float, float]], "getPosition"]
-    speed_mps: Annotated[Callable[[str], float], "getSpeed"]
-    walk: Annotated[Callable[[str, Sequence[str], float], object], "appendWalkingStage"]
-    remove: Annotated[Callable[[str], object], "remove"]
-
-
-_WRAPPED = "getLeader"
-"""The function of libsumo whose wrapper in Python does more than to call it."""
-
-
-class Collision(Protocol):
-    """A collision that SUMO reports: who drove, whom they hit, and on which lane."""
-
-    collider: str
-    victim: str
-    lane: str
-
-
-class Leader(NamedTuple):
-    """The vehicle ahead, and the gap to it without the follower's minGap."""
-
-    name: str
-    gap_m: float
-
-
-class VehicleType(NamedTuple):
-    """What the vehicles of a type are and can do."""
-
-    length_m: float
-    width_m: float
-    acceleration_mps2: float
-    deceleration_mps2: float
-    max_speed_mps: float
-
-
-def edge_of(lane: str) -> str:
-    """The id of the edge of a lane, which is empty where a vehicle is on none.
-
-    >>> edge_of("A0_B0_1"), edge_of("")
-    ('A0_B0', '')
-    """
-    return lane.rpartition("_")[0]
-
-
-def lane_of(edge: str, number: int = 0) -> str:
-    """The id of a lane of an edge; lanes are counted from the right."""
-    return f"{edge}_{number}"
-
-
-def is_inside_junction(lane: str) -> bool:
-    """Whether a lane or an edge is inside a junction."""
-    return lane.startswith(":")
-
-
-_Functions = TypeVar("_Functions", Vehicles, People)
-_Ids = Callable[[], Sequence[str]]
-_IdsOn = Callable[[str], Sequence[str]]
+_Functions = TypeVar("_Functions", Vehicles, People, LastStep)
 
 
 class Session:
-    """A running simulation.
+    """A running simulation; see ``Running``.
 
     Args:
         config: a SUMO configuration.
         options: further options of SUMO by name, which win; e.g. ``{"seed": "3"}``.
-        module: where SUMO runs.
+        runs: where SUMO runs.
 
     Attributes:
-        vehicles, people: their functions.
-        departed, arrived, teleported, emergency_stops: ids of the vehicles that entered, arrived,
-            began to teleport, or had to stop as in an emergency in the last step.
-        collisions: those of the last step; one hit may last several steps.
-        vehicles_on, people_on: ids of those on an edge at the last step.
-        lane_length_m: the length of a lane.
-        step_s: length of a step.
-        time_s: the time at the end of the last step.
-        move_person: puts a person who exists on a point of a crosswalk's axis, 0.05 m or more from
-            its ends; SUMO ends the process if the person does not exist.
         lost, advance: SUMO's exceptions, and its function for a step.  Only the loop of an
             encounter in ``sumo_engine`` has them, where a context would cost time at every step;
             elsewhere ``watched`` turns the exceptions into ``EngineError``.
@@ -150,46 +63,31 @@ class Session:
     """
 
     def __init__(
-        self, config: Path, options: Mapping[str, str] | None = None, module: Module = "libsumo"
+        self, config: Path, options: Mapping[str, str] | None = None, runs: Runs = "here"
     ) -> None:
         command = ["-c", str(config)]
         command += [
             part for name, value in (options or {}).items() for part in (f"--{name}", value)
         ]
-        self._api = api = _started(module, command)
+        self._api = api = _started(runs, command)
         self.lost = (api.TraCIException, api.FatalTraCIError)
-        self.advance = self._function("simulation", "step")
-        self._now = self._function("simulation", "getTime")
-        self.vehicles = self._functions("vehicle", Vehicles)
-        self.people = self._functions("person", People)
-        self.vehicles_on: _IdsOn = self._function("edge", "getLastStepVehicleIDs")
-        self.people_on: _IdsOn = self._function("edge", "getLastStepPersonIDs")
-        self.move_person = _mover(self._function("person", "moveToXY"))
-        self.lane_length_m: Callable[[str], float] = self._function("lane", "getLength")
-        self._leader = self._function("vehicle", "getLeader")
-        self._best_lanes = self._function("vehicle", "getBestLanes")
-        self._set_speed_mode = self._function("vehicle", "setSpeedMode")
-        self._set_parameter = self._function("vehicle", "setParameter")
-        self.departed: _Ids = self._function("simulation", "getDepartedIDList")
-        self.arrived: _Ids = self._function("simulation", "getArrivedIDList")
-        self.teleported: _Ids = self._function("simulation", "getStartingTeleportIDList")
-        stopping = "getEmergencyStoppingVehiclesIDList"
-        self.emergency_stops: _Ids = self._function("simulation", stopping)
-        self.collisions: Callable[[], Sequence[Collision]]
-        self.collisions = self._function("simulation", "getCollisions")
+        self.advance = self._function("simulation.step")
+        self._now = self._function("simulation.getTime")
+        self.vehicles, self.people = self._functions(Vehicles), self._functions(People)
+        self.last = self._functions(LastStep)
+        self.move_person = _mover(self._function("person.moveToXY"))
         self.time_s: float = api.simulation.getTime()
         self.step_s: float = api.simulation.getDeltaT()
 
-    def _function(self, domain: str, name: str) -> Callable[..., Any]:
-        found: Callable[..., Any] = getattr(getattr(self._api, domain), name)
-        if name != _WRAPPED:
-            # libsumo's own, if there is one: its wrapper in Python takes as long as the function.
-            found = getattr(getattr(self._api, "_libsumo", None), f"{domain}_{name}", found)
+    def _function(self, name: str) -> Callable[..., Any]:
+        # libsumo's own, if there is one: its wrapper in Python takes as long as the function.
+        wrapped, own = attrgetter(name)(self._api), getattr(self._api, "_libsumo", None)
+        found: Callable[..., Any] = getattr(own, name.replace(".", "_"), wrapped)
         return found
 
-    def _functions(self, domain: str, kind: type[_Functions]) -> _Functions:
+    def _functions(self, kind: type[_Functions]) -> _Functions:
         names = get_type_hints(kind, include_extras=True).items()
-        return kind(**{each: self._function(domain, how.__metadata__[0]) for each, how in names})
+        return kind(**{each: self._function(how.__metadata__[0]) for each, how in names})
 
     @contextlib.contextmanager
     def watched(self, what: str) -> Iterator[None]:
@@ -200,21 +98,14 @@ class Session:
             raise EngineError(f"SUMO {what}: {one_line(str(error))}") from None
 
     def step(self) -> float:
-        """Simulate one step; return the time at its end in s.
-
-        Raises:
-            EngineError: SUMO lost the simulation.
-        """
+        """See ``Running.step``."""
         with self.watched("lost the simulation"):
             self.advance()
         self.time_s = self._now()
         return self.time_s
 
     def goes_on(self, end_s: float | None) -> bool:
-        """Whether there is a further step; None: as long as anybody is on the way.
-
-        libsumo itself ignores the configuration's end.
-        """
+        """See ``Running.goes_on``; libsumo itself ignores the configuration's end."""
         if end_s is not None:
             return self.time_s < end_s - ROUNDING
         api = self._api
@@ -228,28 +119,30 @@ class Session:
         return any(api.person.getStage(name).type != api.constants.STAGE_DRIVING for name in people)
 
     def ignore(self, vehicle: str, people: Sequence[str]) -> None:
-        """Let a vehicle not mind these people, by their ids."""
-        self._set_parameter(vehicle, "junctionModel.ignoreIDs", " ".join(people))
+        """See ``Running.ignore``."""
+        self._api.vehicle.setParameter(vehicle, "junctionModel.ignoreIDs", " ".join(people))
 
     def let_yield(self, vehicle: str, yields: bool) -> None:
-        """Let SUMO keep a commanded vehicle's duty to yield; in any case it keeps leaders."""
-        self._set_speed_mode(vehicle, _YIELDING if yields else _PRIVILEGED)
+        """See ``Running.let_yield``."""
+        self._api.vehicle.setSpeedMode(vehicle, _YIELDING if yields else _PRIVILEGED)
 
     def release(self, vehicle: str) -> None:
-        """Give a commanded vehicle back to SUMO's driver, who minds everybody."""
+        """See ``Running.release``."""
         self.vehicles.set_speed(vehicle, _NO_COMMAND)
         self.let_yield(vehicle, True)
         self.ignore(vehicle, ())
 
-    def leader(self, vehicle: str, sight_m: float) -> Leader | None:
-        """The vehicle ahead within a distance; None if there is none."""
-        found = self._leader(vehicle, sight_m)
-        return Leader(*found) if found and found[0] else None
+    def follows(self, vehicle: str, speed_mps: float, deceleration_mps2: float) -> bool:
+        """See ``Running.follows``."""
+        how = speed_mps, deceleration_mps2, self._api.vehicle.getTau(vehicle), self.step_s
+        sight_m = followed_m(0.0, *how) + _SIGHT_M
+        name, gap_m = self._api.vehicle.getLeader(vehicle, sight_m) or ("", 0.0)
+        return bool(name and gap_m <= followed_m(self.vehicles.speed_mps(name), *how))
 
     def lanes_ahead(self, vehicle: str, lane: str) -> Sequence[str]:
-        """The lanes that a vehicle will follow on its route, that on which it is first."""
+        """See ``Running.lanes_ahead``."""
         # A row has the lane, two lengths, the changes of lane to the best one, a flag and the way.
-        rows = self._best_lanes(vehicle)
+        rows = self._api.vehicle.getBestLanes(vehicle)
         index = next((i for i, row in enumerate(rows) if row[0] == lane), None)
         if index is None:
             return [lane]
@@ -262,6 +155,10 @@ class Session:
     def add_route(self, name: str, edges: Sequence[str]) -> None:
         """Add a route for vehicles."""
         self._api.route.add(name, edges)
+
+    def lane_length_m(self, lane: str) -> float:
+        """The length of a lane."""
+        return float(self._api.lane.getLength(lane))
 
     def limit_speed(self, road: Sequence[str], limit_mps: float) -> None:
         """Set the speed limit of a road's successive edges and of the lanes that connect them."""
@@ -278,31 +175,22 @@ class Session:
         self, name: str, route: str, type_id: str, lane: int, position_m: float, speed_mps: float
     ) -> None:
         """Add a vehicle whose speed is commanded alone; it exists after the next step."""
-        self._api.vehicle.add(
-            name,
-            route,
-            typeID=type_id,
-            depart="now",
-            departLane=str(lane),
-            departPos=repr(position_m),
-            departSpeed=repr(speed_mps),
-        )
-        self._set_speed_mode(name, _COMMANDED)
+        begin = {"departLane": str(lane), "departPos": repr(position_m)}
+        begin |= {"depart": "now", "departSpeed": repr(speed_mps)}
+        self._api.vehicle.add(name, route, typeID=type_id, **begin)
+        self._api.vehicle.setSpeedMode(name, _COMMANDED)
         self._api.vehicle.setLaneChangeMode(name, 0)
 
     def add_person(self, name: str, edge: str, position_m: float, type_id: str = _WALKER) -> None:
-        """Add a person, who has to get a way (``people.walk``) before the next step.
-
-        They exist, and may be moved, after the next step.
-        """
+        """See ``Running.add_person``."""
         self._api.person.add(name, edge, position_m, depart=_DEPART_NOW, typeID=type_id)
 
     def built(self, vehicle: str) -> VehicleType:
-        """What a vehicle is and can do, which may differ from its type's."""
+        """See ``Running.built``."""
         return _built(self._api.vehicle, vehicle)
 
     def vehicle_classes(self) -> Mapping[str, str]:
-        """The class of every type of vehicles that SUMO has read so far, by the type's id."""
+        """See ``Running.vehicle_classes``."""
         types = self._api.vehicletype
         return {name: types.getVehicleClass(name) for name in types.getIDList()}
 
@@ -338,15 +226,15 @@ def _mover(move: Callable[..., object]) -> Callable[[str, float, float], object]
     return lambda name, x, y: move(name, "", x, y, angle, route, reach_m)
 
 
-def interface(module: Module) -> Any:
+def interface(runs: Runs = "here") -> Any:
     """SUMO's functions: libsumo, or TraCI's for a SUMO in another process."""
-    return import_module("libsumo" if module == "libsumo" else "traci")
+    return import_module("libsumo" if runs == "here" else "traci")
 
 
-def _started(module: Module, command: Sequence[str]) -> Any:
+def _started(runs: Runs, command: Sequence[str]) -> Any:
     """The module that SUMO's functions are in, once SUMO runs."""
-    api = interface(module)
-    if module == "libsumo":
+    api = interface(runs)
+    if runs == "here":
         # The module path may lead to another SUMO, e.g. that of SUMO_HOME/tools.
         version, wanted = api.getVersion()[1], f"SUMO {metadata.version('libsumo')}"
         if version != wanted:
@@ -356,7 +244,7 @@ def _started(module: Module, command: Sequence[str]) -> Any:
     try:
         # traci prints its retries on stdout, which is for results only.
         with contextlib.redirect_stdout(io.StringIO()):
-            api.start([program_path("sumo-gui" if module == "gui" else "sumo"), *command])
+            api.start([program_path("sumo-gui" if runs == "window" else "sumo"), *command])
     except (api.TraCIException, api.FatalTraCIError, OSError) as error:
         # A simulation that failed counts as loaded.
         with contextlib.suppress(api.TraCIException, api.FatalTraCIError):

@@ -12,6 +12,7 @@ would have a scale error (up to 0.1 %) and a grid convergence (1.8° in Ann Arbo
 
 import math
 import re
+from collections.abc import Iterator
 
 from harness.core.errors import InputError
 from harness.scenario.sections import FOOTPATH_M, MAX_TRIGGER_RANGE_M, CrossingSection
@@ -122,7 +123,7 @@ _TEMPLATES = {
 }
 
 
-def _nodes(crossing: CrossingSection) -> list[str]:
+def _nodes(crossing: CrossingSection) -> Iterator[str]:
     """The nodes, to a micrometre, which is netconvert's own precision."""
     reach = FOOTPATH_M + crossing.length_m / 2
     axis = 0.0 if _median_m(crossing) else _left_border_m(crossing)
@@ -133,21 +134,18 @@ def _nodes(crossing: CrossingSection) -> list[str]:
         "near": (0.0, -reach),
         "far": (0.0, reach),
     }
-    lines = []
     for node, place in places.items():
         x, y = _placed(crossing, *place)
-        lines.append(f'    <node id="{node}" x="{x}" y="{y}" type="priority"/>')
-    return lines
+        yield f'    <node id="{node}" x="{x}" y="{y}" type="priority"/>'
 
 
-def _edges(crossing: CrossingSection) -> list[str]:
+def _edges(crossing: CrossingSection) -> Iterator[str]:
     """The road's edges; with a median, the line of each edge is its own left border."""
     forward, oncoming = _left_border_m(crossing), _left_border_m(crossing) + _median_m(crossing)
     directions = [("", crossing.lanes, "start", "end", -APPROACH_M, EXIT_M, forward)]
     if crossing.oncoming_lanes:
         lanes = crossing.oncoming_lanes
         directions.append(("oncoming_", lanes, "end", "start", EXIT_M, -APPROACH_M, oncoming))
-    lines = []
     for prefix, lanes, first, last, begin, end, border in directions:
         more = "" if lanes == 1 else f' numLanes="{lanes}"'
         inside = "/>"
@@ -167,24 +165,21 @@ def _edges(crossing: CrossingSection) -> list[str]:
             if _median_m(crossing):
                 points = (_placed(crossing, along, border) for along in (since, until))
                 shape = f' shape="{" ".join(",".join(point) for point in points)}"'
-            lines.append(
+            yield (
                 f'    <edge id="{prefix}{name}" from="{source}" to="{target}" type="road"'
                 f' spreadType="right"{more}{shape}{inside}'
             )
-    return lines
 
 
-def _connections(crossing: CrossingSection) -> list[str]:
+def _connections(crossing: CrossingSection) -> Iterator[str]:
     """Connections straight on, from each lane to the same lane."""
     strip = int(crossing.kerb_strip_m > 0)
-    lines = []
     for prefix, lanes in (("", crossing.lanes), ("oncoming_", crossing.oncoming_lanes)):
         for lane in range(strip, strip + lanes):
-            lines.append(
+            yield (
                 f'    <connection from="{prefix}approach" to="{prefix}exit"'
                 f' fromLane="{lane}" toLane="{lane}"/>'
             )
-    return lines
 
 
 def _median_m(crossing: CrossingSection) -> float:

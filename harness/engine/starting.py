@@ -11,7 +11,7 @@ from harness.core.freezing import frozen
 from harness.core.vocabulary import ROUNDING, Vehicle
 from harness.engine.installation import scratch_folder
 from harness.engine.network import network_of
-from harness.engine.session import Module, Session
+from harness.engine.session import Runs, Session
 from harness.scenario import Scenario
 
 OWN_ROADS: Mapping[str, str] = frozen({
@@ -45,7 +45,7 @@ def session_of(
     scenario: Scenario,
     options: Mapping[str, str] | None = None,
     files: Mapping[str, str] | None = None,
-    module: Module = "libsumo",
+    runs: Runs = "here",
 ) -> Session:
     """Start SUMO for a scenario's encounters.
 
@@ -53,7 +53,7 @@ def session_of(
         scenario: the scenario.
         options: further options of SUMO by name.
         files: the contents of further input files, by the option that takes the file.
-        module: where SUMO runs.
+        runs: where SUMO runs.
 
     Raises:
         EngineError: SUMO does not start, or a simulation is already running in this process.
@@ -67,7 +67,7 @@ def session_of(
             file = Path(folder, f"{option}.xml")
             file.write_text(text, encoding="utf-8")
             given[option] = str(file)
-        return Session(config, given, module)
+        return Session(config, given, runs)
 
 
 def vehicle_type(vehicle: Vehicle, limit_mps: float) -> dict[str, object]:

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 
 from harness.core.errors import EngineError
 from harness.core.vocabulary import Arrival
+from harness.engine.ids import lane_of
 from harness.engine.people import HeldPeople
-from harness.engine.session import Session, lane_of
+from harness.engine.session import Session
 from harness.engine.sources import APPROACH_M
 from harness.scenario import Scenario
 from harness.site.road_frame import RoadFrame
@@ -50,7 +51,7 @@ class SumoEngine:
         self._frame = RoadFrame.of(crossing.bearing_deg, crossing.length_m)
         self._session, self._lost = session, session.lost
         self.closed = self.automated = False
-        self._advance, self._collisions = session.advance, session.collisions
+        self._advance, self._collisions = session.advance, session.last.collisions
         self._get_speed, self._set_speed = session.vehicles.speed_mps, session.vehicles.set_speed
         self._get_distance = session.vehicles.odometer_m
         vehicle, self._step_s = scenario.vehicle(), scenario.experiment.step_s

@@ -36,7 +36,7 @@ class Window(SumoEngine):
         v0_mps = scenario.ego.initial_speed_mps
         view = _VIEW.read_text("utf-8").format(v0_mps=v0_mps, half_mps=v0_mps / 2)
         files = {"gui-settings-file": view}
-        super().__init__(session_of(scenario, options, files, "gui"), scenario)
+        super().__init__(session_of(scenario, options, files, "window"), scenario)
         self.automated = arm is Arm.AV
         reach_m = 0.7 * scenario.ego.trigger_range_m + _AROUND_M
         middle = self._frame.to_network(0.0, scenario.crossing.length_m / 2)

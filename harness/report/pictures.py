@@ -298,14 +298,15 @@ def _roads(run: Run) -> "tuple[list[ArrayLike], str]":
     simulation, made = run.cells[0].scenario.simulation, run.manifest["simulated_with"]["files"]
     if simulation is None:
         return [], " The roads, which the harness made, are not drawn."
-    from harness.engine.town_reader import read_town  # no other picture needs it
+    from harness.engine.ids import is_inside_junction  # no other picture needs them
+    from harness.engine.town_reader import read_town
 
     try:
         net = read_config(Path(simulation.file), simulation.step_s).net
-        lanes, now = read_town(net).lanes, hashlib.sha256(read_file(net)).hexdigest()
+        lanes, now = read_town(net).lanes.values(), hashlib.sha256(read_file(net)).hexdigest()
     except HarnessError as error:
         return [], f" The roads are not drawn, because the network cannot be read: {error}."
-    roads: list[ArrayLike] = [lane.shape for name, lane in lanes.items() if name[0] != ":"]
+    roads: list[ArrayLike] = [each.shape for each in lanes if not is_inside_junction(each.id)]
     same = made.get(str(net)) == now
     return roads, "" if same else f" The roads are those of now: {net} has changed since the run."
 

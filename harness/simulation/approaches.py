@@ -5,7 +5,8 @@ from collections import defaultdict
 from collections.abc import Collection, Iterator, Sequence
 
 from harness.core.vocabulary import Arm
-from harness.engine.session import Session, edge_of, is_inside_junction
+from harness.engine.ids import edge_of, is_inside_junction
+from harness.engine.protocol import Running
 from harness.simulation.cars import LOOK_S, SIGHT_M, Car, Link, Meeting, Passage
 from harness.simulation.setup import Setup
 from harness.site.town import Connection, Crosswalk, Town
@@ -29,7 +30,7 @@ class Approaches:
         every: the number of steps between two looks.
     """
 
-    def __init__(self, setup: Setup, session: Session) -> None:
+    def __init__(self, setup: Setup, session: Running) -> None:
         self._setup, self._session, self._vehicles = setup, session, session.vehicles
         sight_m = SIGHT_M if setup.own_people else 0.0
         near_m = max(setup.scenario.ego.trigger_range_m, sight_m) + _MARGIN_M
@@ -58,7 +59,7 @@ class Approaches:
         if step % self.every:
             return
         for edge, before in self._on_edge.items():
-            names = self._session.vehicles_on(edge)
+            names = self._session.last.vehicles_on(edge)
             if names != before:
                 self._on_edge[edge] = names
                 yield from (name for name in names if name not in before)

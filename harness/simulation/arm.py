@@ -10,7 +10,7 @@ from harness.core.vocabulary import ROUNDING, Arm, ModelUse
 from harness.encounter.arms import uses_of
 from harness.encounter.driver import Driver
 from harness.encounter.walking_speeds import WalkingSpeeds
-from harness.engine.session import Session
+from harness.engine.protocol import Running
 from harness.model.interaction import InteractionModel
 from harness.simulation.approaches import Approaches
 from harness.simulation.cars import PASSED, Car, Passage
@@ -51,7 +51,7 @@ class SimulatedArm:
     """
 
     def __init__(
-        self, setup: Setup, session: Session, pair: int, arm: Arm, model: InteractionModel
+        self, setup: Setup, session: Running, pair: int, arm: Arm, model: InteractionModel
     ) -> None:
         self.setup, self.session, self._vehicles = setup, session, session.vehicles
         self._pair, self._arm, self._model = pair, arm, model
@@ -71,11 +71,10 @@ class SimulatedArm:
 
     def _people_at(self, crosswalk: Crosswalk) -> PeopleAt:
         setup, session = self.setup, self.session
-        own = None
-        if setup.own_people:
-            cars, refresh = self._cars, self._refresh
-            own = OwnPeople(session, setup, crosswalk, self._pair, self._speeds, cars, refresh)
-        return PeopleAt(session, crosswalk, own)
+        if not setup.own_people:
+            return PeopleAt(session, crosswalk, None)
+        others = self._pair, self._speeds, self._cars, self._refresh
+        return PeopleAt(session, crosswalk, OwnPeople(session, setup, crosswalk, *others))
 
     def run(self) -> None:
         """Simulate until the end.
@@ -84,7 +83,7 @@ class SimulatedArm:
             EngineError: SUMO's simulation broke off.
             StrategyError: a strategy failed.
         """
-        session, setup = self.session, self.setup
+        session, setup, last = self.session, self.setup, self.session.last
         empties = setup.scenario.traffic is not None
         sample, stroll = (max(1, round(each / session.step_s)) for each in (SAMPLE_S, STROLL_S))
         end_s = setup.config.end_s
@@ -94,11 +93,11 @@ class SimulatedArm:
             self._begin_step()
             time_s = session.step()
             self.times_s.append(time_s)
-            steps, departed = len(self.times_s), session.departed()
+            steps, departed = len(self.times_s), last.departed()
             self.traffic.note(time_s, departed)
-            for name in session.arrived():
+            for name in last.arrived():
                 self._drop(self._cars.get(name), "it arrived on its way")
-            for name in session.teleported():
+            for name in last.teleported():
                 self._drop(self._cars.get(name), "SUMO teleported it", exists=True)
             due = self._read()
             for own in self._owns:

@@ -14,7 +14,7 @@ from harness.core.errors import EngineError, StrategyError
 from harness.core.freezing import Frozen
 from harness.core.vocabulary import Arm, FailedIn, StepMotion, ignore
 from harness.engine.arm_files import Trip, trips_in, write_config
-from harness.engine.session import Module, Session
+from harness.engine.session import Runs, Session
 from harness.engine.sources import CROSSWALK
 from harness.model.interaction import InteractionModel
 from harness.simulation.arm import SimulatedArm
@@ -55,7 +55,7 @@ def run_arm(
     folder: Path,
     *,
     keeps: bool = False,
-    module: Module = "libsumo",
+    runs: Runs = "here",
     more: Mapping[str, str] = MappingProxyType({}),
     begins: Callable[[Sized | None], None] = ignore,
 ) -> ArmTables:
@@ -68,27 +68,27 @@ def run_arm(
         arm: which arm.
         folder: the arm's folder, where its configuration and outputs lie.
         keeps: whether the configuration's own outputs are written there.
-        module: where SUMO runs.
+        runs: where SUMO runs.
         more: further options of SUMO.
         begins: receives what grows with every step when the first step is about to begin, and None
             after the last one.
     """
     try:
         config = write_config(setup.config, folder, setup.seed(pair), more, keeps=keeps)
-        with closing(Session(config, module=module)) as session, session.watched("failed"):
+        with closing(Session(config, runs=runs)) as session, session.watched("failed"):
             running = SimulatedArm(setup, session, pair, arm, model)
             begins(running.times_s)
             running.run()
             begins(None)
-        return ArmTables(pair, arm, _tables(setup, running, folder))
+        return ArmTables(pair, arm, tables_of(setup, running, trips_in(folder)))
     except StrategyError as error:
         return ArmTables(pair, arm, {}, str(error), "strategy", error.traceback)
     except EngineError as error:
         return ArmTables(pair, arm, {}, f"{setup.config.path.name}: {error}", "engine")
 
 
-def _tables(setup: Setup, arm: SimulatedArm, folder: Path) -> dict[str, TableColumns]:
-    """The tables of an arm whose simulation has ended, with its outputs in a folder."""
+def tables_of(setup: Setup, arm: SimulatedArm, trips: Iterable[Trip]) -> dict[str, TableColumns]:
+    """The tables of an arm whose simulation has ended, with the trips that SUMO wrote."""
     end_s, traffic = arm.session.time_s, arm.traffic
     people = {name: each.walked() for name, each in arm.people.items()}
     counted = [each for each in arm.passages if setup.counts(each.begin_s - each.trace_offset_s)]
@@ -113,7 +113,7 @@ def _tables(setup: Setup, arm: SimulatedArm, folder: Path) -> dict[str, TableCol
         "conditionings": sum(each.uses for each in arm.uses),
         "clamped": sum(each.clamped for each in arm.uses),
     }
-    vehicles = _vehicles(trips_in(folder), traffic.is_automated, end_s)
+    vehicles = _vehicles(trips, traffic.is_automated, end_s)
     tables: dict[str, list[SimulatedRow]] = {
         "arms": [arms],
         "passages": passed,

@@ -14,7 +14,7 @@ from harness.core.errors import StrategyError
 from harness.core.vocabulary import ACTUATOR, LANE, LEADER, RIGHT_OF_WAY, STRATEGY, Strategy
 from harness.encounter.driver import Driver, answer_of
 from harness.engine.plain import slowing_mps
-from harness.engine.session import Session
+from harness.engine.protocol import Running
 from harness.simulation.cars import Car, Passage
 from harness.simulation.people_at import PeopleAt
 from harness.simulation.setup import Setup
@@ -22,10 +22,6 @@ from harness.site.town import Crosswalk
 
 _ROUNDING_MPS = 1e-3
 """Differences of speed below this are rounding."""
-_LEADER_M = 1.0
-"""A leader decides if the gap is at most this much longer than the one that SUMO keeps."""
-_SIGHT_M = 10.0
-"""Leaders are looked for this much farther; SUMO's search counts its minGap as way."""
 
 
 class Control:
@@ -37,7 +33,7 @@ class Control:
         people: everybody at each crosswalk.
     """
 
-    def __init__(self, session: Session, setup: Setup, people: Mapping[str, PeopleAt]) -> None:
+    def __init__(self, session: Running, setup: Setup, people: Mapping[str, PeopleAt]) -> None:
         self._session, self._vehicles = session, session.vehicles
         self._ballistic = setup.config.ballistic
         self._step_s, self._people = session.step_s, people
@@ -119,7 +115,9 @@ class Control:
         if car.speed_mps < asked_mps - _ROUNDING_MPS:
             # What holds a standing vehicle is not asked for again.
             if car.held_by is None or before_mps > _ROUNDING_MPS:
-                car.held_by = LEADER if self._follows(car, before_mps) else RIGHT_OF_WAY
+                decel_mps2 = car.vehicle.max_deceleration_mps2
+                follows = self._session.follows(car.name, before_mps, decel_mps2)
+                car.held_by = LEADER if follows else RIGHT_OF_WAY
             limited_by = car.held_by
         else:
             car.held_by = None
@@ -146,14 +144,3 @@ class Control:
                 )
                 cap_mps = min(cap_mps, slowing)
         return max(cap_mps, car.speed_mps - decel * self._step_s)
-
-    def _follows(self, car: Car, speed_mps: float) -> bool:
-        """Whether the vehicle ahead was so near that SUMO kept its distance."""
-        twice_b, tau_s = 2 * car.vehicle.max_deceleration_mps2, self._vehicles.headway_s(car.name)
-        # The distance to a leader who stands.
-        keeps_m = speed_mps * (tau_s + self._step_s + speed_mps / twice_b)
-        leader = self._session.leader(car.name, keeps_m + _SIGHT_M)
-        if leader is None:
-            return False
-        keeps_m -= self._vehicles.speed_mps(leader.name) ** 2 / twice_b
-        return leader.gap_m <= max(keeps_m, 0.0) + _LEADER_M

@@ -9,10 +9,10 @@ from typing import NamedTuple
 from harness.core.errors import Parameter
 from harness.engine.arm_files import Counts, entering
 from harness.engine.configuration import people_in, read_config
-from harness.engine.session import lane_of
+from harness.engine.ids import lane_of
+from harness.engine.protocol import CAR
 from harness.scenario.sections import EgoSection
 from harness.simulation.opening import chosen, town_of
-from harness.simulation.setup import CAR
 from harness.site.town import Crosswalk, Town
 from harness.site.zone import zone_of
 
@@ -76,9 +76,8 @@ def _row(crosswalk: Crosswalk, counts: Counts) -> CrosswalkRow:
     priority = "people" if crosswalk.prioritized else "vehicles"
     length_m, limit_mps = round(crosswalk.length_m, 1), round(limits[-1], 1) if limits else None
     roads = " / ".join(crosswalk.roads)
-    return CrosswalkRow._make(
-        (crosswalk.id, roads, *numbers, priority, length_m, limit_mps, crosswalk.refused)
-    )
+    row = crosswalk.id, roads, *numbers, priority, length_m, limit_mps, crosswalk.refused
+    return CrosswalkRow._make(row)
 
 
 def scenario_text(file: Path, edges: Sequence[str], written: Path) -> str:

@@ -17,6 +17,7 @@ from harness.engine.configuration import (
     people_in,
     read_config,
 )
+from harness.engine.protocol import CAR
 from harness.engine.sources import CROSSWALK
 from harness.engine.traffic_files import types_of, write_traffic
 from harness.model.interaction import InteractionModel, check_support
@@ -25,7 +26,7 @@ from harness.scenario.consistency import check_perception
 from harness.scenario.sections import MAX_SPEED_MPS, SimulationSection
 from harness.simulation.demand import end_s, vehicles_due
 from harness.simulation.own_people import OWN_PREFIX
-from harness.simulation.setup import CAR, Setup
+from harness.simulation.setup import Setup
 from harness.site.town import Crosswalk, Town
 
 

@@ -13,16 +13,15 @@ from harness.encounter.cell_constants import constants_of
 from harness.encounter.crowd import Crowd
 from harness.encounter.deciding import KerbLane
 from harness.encounter.walkers import ChooseSpeed, Walker
-from harness.engine.session import Session
+from harness.engine.ids import name_inside_junction
+from harness.engine.protocol import CAR, ENDS_M, Running
 from harness.measures.motion.walking import cleared_s
 from harness.simulation.cars import LOOK_S, SIGHT_M, Car, Passage
-from harness.simulation.setup import CAR, Setup
+from harness.simulation.setup import Setup
 from harness.simulation.walk import Walked
 from harness.site.town import Crosswalk
 from harness.site.zone import zone_of
 
-HELD_M = 0.05
-"""The harness's people are moved in SUMO only this far from both kerbs."""
 OWN_PREFIX = "own:"
 """How the ids of the harness's people begin in SUMO; no other person's id may."""
 
@@ -42,7 +41,7 @@ class OwnPeople:
 
     def __init__(
         self,
-        session: Session,
+        session: Running,
         setup: Setup,
         crosswalk: Crosswalk,
         pair: int,
@@ -70,7 +69,7 @@ class OwnPeople:
 
     def name_of(self, index: int) -> str:
         """SUMO's id of one of them."""
-        return f"{OWN_PREFIX}{self._crosswalk.id.removeprefix(':')}-{index}"
+        return f"{OWN_PREFIX}{name_inside_junction(self._crosswalk.id)}-{index}"
 
     def _see(self) -> None:
         """Look at the vehicles that have begun a passage, and at the next one in each lane."""
@@ -125,7 +124,7 @@ class OwnPeople:
                 self._add(walker)
                 added = True
             else:
-                along_m = min(max(places[index], HELD_M), self._crosswalk.length_m - HELD_M)
+                along_m = min(max(places[index], ENDS_M), self._crosswalk.length_m - ENDS_M)
                 place = self._crosswalk.line.place(along_m)
                 self._session.move_person(self.name_of(index), place.real, place.imag)
         return added
@@ -140,7 +139,7 @@ class OwnPeople:
 
     def _add(self, walker: Walker) -> None:
         """Have SUMO add somebody on the crosswalk, where their way ends, too."""
-        name, ends_m = self.name_of(walker.index), (HELD_M, self._crosswalk.length_m - HELD_M)
+        name, ends_m = self.name_of(walker.index), (ENDS_M, self._crosswalk.length_m - ENDS_M)
         start_m, goal_m = ends_m if walker.side is Side.NEAR else ends_m[::-1]
         self._session.add_person(name, self._crosswalk.id, start_m)
         self._session.people.walk(name, [self._crosswalk.id], goal_m)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from harness.core.seeding import number_of
 from harness.core.vocabulary import STANDING_MPS, PedestrianView, Side, Views, quick_tuple
-from harness.engine.session import Session
+from harness.engine.protocol import Running
 from harness.simulation.cars import Passage
 from harness.simulation.own_people import OWN_PREFIX, OwnPeople
 from harness.simulation.walk import WAITING_M, SumoPerson, Walked
@@ -29,8 +29,8 @@ class PeopleAt:
         watched: the number of vehicles that are on their ways over it.
     """
 
-    def __init__(self, session: Session, crosswalk: Crosswalk, own: OwnPeople | None) -> None:
-        self._session, self._people = session, session.people
+    def __init__(self, session: Running, crosswalk: Crosswalk, own: OwnPeople | None) -> None:
+        self._people, self._people_on = session.people, session.last.people_on
         self.crosswalk, self._areas = crosswalk, crosswalk.areas
         self.own, self.changed, self.watched = own, False, 0
         self._first = 0 if own is None else len(own.arrivals)
@@ -45,7 +45,7 @@ class PeopleAt:
         if time_s == self._noted_s:
             return
         self._noted_s, self._now, here = time_s, None, self._here
-        ids, next_edge = self._session.people_on, self._people.next_edge
+        ids, next_edge = self._people_on, self._people.next_edge
         crossing = self.crosswalk.id
         there = dict.fromkeys(ids(crossing), True)
         for area in self._areas:

@@ -10,16 +10,13 @@ from harness.core.vocabulary import Arm, Arrival, Strategy, Vehicle
 from harness.encounter.arms import make_strategy
 from harness.encounter.arrivals import planned_arrivals
 from harness.engine.configuration import SumoConfig
-from harness.engine.session import VehicleType
+from harness.engine.protocol import VehicleType
 from harness.engine.sources import CROSSWALK
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario
 from harness.scenario.consistency import SUMO_DRIVER
 from harness.scenario.sections import SimulationSection
 from harness.site.town import Crosswalk, Town
-
-CAR = VehicleType(5.0, 1.8, 2.6, 4.5, 200 / 3.6)
-"""SUMO's car."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,8 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from harness.core.seeding import NUMBERS, number_of, stream
-from harness.engine.session import Collision, Session, is_inside_junction
+from harness.engine.ids import is_inside_junction
+from harness.engine.protocol import Collision, Running
 from harness.simulation.cars import Car
 from harness.simulation.people_at import PeopleAt
 from harness.simulation.setup import Setup
@@ -33,10 +34,10 @@ class TrafficCounts:
     """
 
     def __init__(
-        self, setup: Setup, session: Session, pair: int, cars: Cars, people: Mapping[str, PeopleAt]
+        self, setup: Setup, session: Running, pair: int, cars: Cars, people: Mapping[str, PeopleAt]
     ) -> None:
         self._setup, self._session, self._vehicles = setup, session, session.vehicles
-        self._cars, self._people = cars, people
+        self._last, self._cars, self._people = session.last, cars, people
         self._key = stream(setup.scenario.experiment.seed, "automated", pair).bytes(32)
         self._classes: Mapping[str, str] = {}
         self._hits: set[tuple[str, str]] = set()
@@ -64,9 +65,9 @@ class TrafficCounts:
             if type_id not in self._classes:
                 self.read_classes()
             self.automated[name] = self.is_automated(name, type_id)
-        events = ["teleports"] * len(self._session.teleported())
-        events += ["emergency_stops"] * len(self._session.emergency_stops())
-        for hit in self._session.collisions():
+        events = ["teleports"] * len(self._last.teleported())
+        events += ["emergency_stops"] * len(self._last.emergency_stops())
+        for hit in self._last.collisions():
             # SUMO reports a collision at several steps; it counts at the first.  It reports those
             # of people with each other, too.
             if hit.collider in self.automated and (hit.collider, hit.victim) not in self._hits:
@@ -96,6 +97,6 @@ class TrafficCounts:
                 if each.begun and car.odometer_m < each.at.first_m:
                     waiting[each.at.crosswalk.id].add(car.name)
         for crosswalk, edges in before.items():
-            names = waiting[crosswalk].union(*map(self._session.vehicles_on, edges))
+            names = waiting[crosswalk].union(*map(self._last.vehicles_on, edges))
             queued = sum(self._vehicles.speed_mps(name) < QUEUED_MPS for name in names)
             self.queues[crosswalk].append(queued)

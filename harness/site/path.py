@@ -30,14 +30,14 @@ class Lane(NamedTuple):
         shape: the points of its centre line, x and y in m; at least two.
         length_m: SUMO's length, which may differ from that of the shape.
         limit_mps: its speed limit; infinite for a crosswalk, which has none.
-        width_m: its width; without it SUMO's default.
+        width_m: its width.
     """
 
     id: str
     shape: Sequence[tuple[float, float]]
     length_m: float
     limit_mps: float
-    width_m: float = 3.2
+    width_m: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -89,7 +89,8 @@ class Crosswalk(Frozen):
     @cached_property
     def line(self) -> FrontPath:
         """The axis; s is 0 at its beginning."""
-        return FrontPath.along([Lane(self.id, (*self.axis.coords,), self.length_m, math.inf)], 0)
+        lane = Lane(self.id, (*self.axis.coords,), self.length_m, math.inf, self.width_m)
+        return FrontPath.along([lane], 0)
 
     @cached_property
     def area(self) -> shapely.Polygon:

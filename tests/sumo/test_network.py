@@ -6,9 +6,7 @@ curvature, written out below; SUMO is only asked to turn its coordinates into de
 
 import gzip
 import math
-import xml.etree.ElementTree as ET
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing
 from pathlib import Path
 
 import libsumo
@@ -60,19 +58,6 @@ def case(request: pytest.FixtureRequest, nets: dict[str, Path]) -> tuple[Crossin
     return GEOMETRIES[request.param], nets[request.param]
 
 
-OPTIONS = """--step-length 0.1 --step-method.ballistic true --insertion-checks none
-    --no-step-log true --no-warnings true"""
-
-
-@contextmanager
-def simulation(net: Path) -> Iterator[None]:
-    libsumo.start(["sumo", "--net-file", str(net), *OPTIONS.split()])
-    try:
-        yield
-    finally:
-        libsumo.close()
-
-
 def ground_m(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
     """East and north metres from a to b, both (longitude, latitude) in degrees, some 100 m apart.
 
@@ -106,7 +91,8 @@ def test_the_centre_is_at_the_coordinates_and_metres_and_north_are_true(
     to_network = frame_of(geometry).to_network
     # The nodes are metres east and north of the centre.
     assert to_network(0.0, geometry.length_m / 2) == pytest.approx((0.0, 0.0), abs=1e-6)
-    with simulation(net):
+    libsumo.start(["sumo", "--net-file", str(net), "--no-step-log", "--no-warnings"])
+    with closing(libsumo):
         degrees = libsumo.simulation.convertGeo
         place = degrees(0.0, 0.0)
         road = [degrees(*to_network(x, 0.0)) for x in (-20.0, 20.0)]
@@ -124,11 +110,14 @@ def near_to(*points: tuple[float, float]) -> tuple[object, ...]:
     return tuple(pytest.approx(point, abs=2e-6) for point in points)
 
 
-def test_crossing_spans_kerb_to_kerb(case: tuple[CrossingSection, Path]) -> None:
+def test_crossing_is_unsignalized_and_spans_kerb_to_kerb(
+    case: tuple[CrossingSection, Path],
+) -> None:
     """The near kerb is half a length to the right of the ego's direction, lanes lie between."""
     geometry, net = case
     length, town = geometry.length_m, read_town(net)
     (crosswalk,) = town.crosswalks.values()
+    assert (crosswalk.prioritized, crosswalk.signalled, crosswalk.refused) == (True, False, None)
     ends = crosswalk.axis.coords
     bearing = math.radians(geometry.bearing_deg)
     near = (math.cos(bearing) * length / 2, -math.sin(bearing) * length / 2)
@@ -139,14 +128,6 @@ def test_crossing_spans_kerb_to_kerb(case: tuple[CrossingSection, Path]) -> None
         ys = [to_road(geometry, *point)[1] for point in town.lanes[name].shape]
         assert ys == pytest.approx([centre] * 2, abs=2e-6)
         assert town.lanes[name].width_m == pytest.approx(length / 2)
-
-
-def test_crosswalk_is_unsignalized_and_vehicles_yield(nets: dict[str, Path]) -> None:
-    net = ET.parse(nets["cctc"])
-    assert net.find("junction[@id='crosswalk']").get("type") == "priority"
-    assert net.findall("tlLogic") == []
-    links = [link for link in net.findall("connection") if link.get("from") == "approach"]
-    assert [(link.get("to"), link.get("state")) for link in links] == [("exit", "m")]
 
 
 def test_bad_names_and_files_are_refused(tmp_path: Path) -> None:

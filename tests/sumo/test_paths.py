@@ -6,16 +6,19 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+import libsumo
 import numpy as np
 import pytest
 import shapely
 
 from harness.core.errors import EngineError
 from harness.core.vocabulary import FloatArray
-from harness.engine.session import Session, edge_of
+from harness.engine.ids import edge_of
+from harness.engine.protocol import CAR
+from harness.engine.session import Session, interface, vehicle_types
 from harness.engine.town_reader import read_town
 from harness.simulation.listing import crossings_of, scenario_text
-from harness.site.town import NO_VEHICLES, RAIL, SIGNAL, Connection, Town
+from harness.site.town import NO_VEHICLES, RAIL, Connection, Town
 from harness.site.zone import zone_of
 from tests.scenes import refuses
 from tests.towns import call, grid, town, write_config
@@ -47,7 +50,8 @@ def driven(config: Path, end_s: float) -> dict[str, tuple[list[str], FloatArray,
         for name in cars.ids():
             lanes[name].append(cars.lane(name))
             moved = (cars.lane_position_m(name), cars.odometer_m(name))
-            rows[name].append((*moved, *cars.position(name), cars.angle_deg(name)))
+            place = libsumo.vehicle.getPosition(name)
+            rows[name].append((*moved, *place, libsumo.vehicle.getAngle(name)))
             sizes[name] = session.built(name)[:2]
     session.close()
     return {name: (lanes[name], np.array(rows[name]), *sizes[name]) for name in rows}
@@ -235,14 +239,6 @@ def test_a_scenario_for_chosen_crosswalks(busy: Path, tmp_path: Path) -> None:
     refuses(r"did you mean ':c_c\d'", lambda: scenario_text(busy, [":c_c9"], busy))
 
 
-def test_a_signal_is_a_reason(tmp_path: Path) -> None:
-    grid(tmp_path)
-    here = read_town(tmp_path / "net.net.xml")
-    refused = {each.id[:3] for each in here.crosswalks.values() if each.refused == SIGNAL}
-    assert refused == {":C2", ":D1"}
-    assert {each.refused for each in here.crosswalks.values()} == {None, SIGNAL}
-
-
 def test_a_path_begins_upstream_where_one_lane_leads_on(junctions: Path) -> None:
     here = read_town(junctions)
     # Of the lanes at the junction c, only c_e is entered from two lanes, w_c and n_c.
@@ -259,29 +255,30 @@ def test_one_session_in_a_process(tmp_path: Path) -> None:
     session.close()
     with pytest.raises(EngineError, match=r"SUMO did not start: .*nothing\.sumocfg"):
         Session(tmp_path / "nothing.sumocfg", QUIET)
-    Session(config, QUIET).close()  # a start that failed leaves nothing behind
+    # A start that failed leaves nothing behind.
+    assert vehicle_types(config)["DEFAULT_VEHTYPE"] == CAR
 
 
 @pytest.mark.slow
 def test_the_same_simulation_in_another_process(tmp_path: Path) -> None:
     """Every function answers alike through libsumo and through TraCI."""
     config, answers = grid(tmp_path, 30), []
-    for module in ("libsumo", "traci"):
-        session = Session(config, QUIET, module)
+    for runs in ("here", "apart"):
+        session = Session(config, QUIET, runs)
         while session.goes_on(30.0):
             session.step()
         cars, people = session.vehicles, session.people
-        name, person = min(cars.ids()), min(people.ids())
+        name, person = min(cars.ids()), min(interface(runs).person.getIDList())
         session.ignore(name, [person])
         asked = [getattr(cars, each)(name) for each in cars.__slots__ if asks(each)]
         asked += [getattr(people, each)(person) for each in people.__slots__ if asks(each)]
         asked += [
-            session.leader(name, 50.0),
+            session.follows(name, 10.0, 4.5),
             session.lanes_ahead(name, cars.lane(name)),
-            session.collisions(),
-            session.teleported(),
+            session.last.collisions(),
+            session.last.teleported(),
         ]
-        asked += [session.vehicles_on(edge_of(cars.lane(name))), session.step_s]
+        asked += [session.last.vehicles_on(edge_of(cars.lane(name))), session.step_s]
         answers.append([tuple(each) if isinstance(each, list) else each for each in asked])
         session.close()
     assert answers[0] == answers[1]

@@ -1,16 +1,9 @@
 """The speeds that lanes and curves ahead allow, and whether a leader holds a vehicle."""
 
-from types import SimpleNamespace
-from typing import Any
-
 import pytest
 from hypothesis import assume, given, strategies as some
 
-from harness.core.vocabulary import LEADER, RIGHT_OF_WAY, Vehicle
-from harness.engine.plain import slowing_mps
-from harness.engine.session import Leader
-from harness.simulation.cars import Car
-from harness.simulation.driving import Control
+from harness.engine.plain import followed_m, slowing_mps
 
 SPEEDS = some.floats(0, 40)
 DECELS = some.floats(1, 9)
@@ -57,17 +50,9 @@ def test_a_farther_limit_allows_more(
 
 
 @pytest.mark.parametrize(
-    ("tau_s", "gap_m", "ahead_mps", "held_by"),
+    ("tau_s", "ahead_mps", "gap_m"),
     # Krauss at 10 m/s, b = 4.5 m/s²: 10 (tau + 0.1), and 100/9 m if the leader stands; + 1 m.
-    [(1.0, 11.9, 10.0, LEADER), (1.0, 12.1, 10.0, RIGHT_OF_WAY), (2.0, 21.9, 10.0, LEADER),
-     (2.0, 22.1, 10.0, RIGHT_OF_WAY), (2.0, 33.1, 0.0, LEADER), (2.0, 33.2, 0.0, RIGHT_OF_WAY)],
-)  # fmt: skip
-def test_whom_a_slower_vehicle_follows(tau_s, gap_m, ahead_mps, held_by) -> None:
-    own = {"headway_s": lambda _: tau_s, "speed_mps": lambda _: ahead_mps}
-    session: Any = SimpleNamespace(vehicles=SimpleNamespace(**own), step_s=0.1)
-    session.leader = lambda _, sight_m: Leader("first", gap_m) if gap_m < sight_m - 2.5 else None
-    setup: Any = SimpleNamespace(config=SimpleNamespace(ballistic=False))
-    vehicle = Vehicle(10.0, 30.0, 30.0, 5.0, 1.8, 2.6, 4.5, 1.0)
-    car = Car("car", "type", automated=True, vehicle=vehicle, speed_factor=1.0, max_mps=50.0)
-    Control(session, setup, {}).check(car, asked_mps=10.0, before_mps=10.0)
-    assert car.held_by == held_by
+    [(1.0, 10.0, 12.0), (2.0, 10.0, 22.0), (2.0, 0.0, 22.0 + 100 / 9), (1.0, 20.0, 1.0)],
+)
+def test_how_near_a_leader_holds_a_vehicle(tau_s: float, ahead_mps: float, gap_m: float) -> None:
+    assert followed_m(ahead_mps, 10.0, 4.5, tau_s, 0.1) == pytest.approx(gap_m)

@@ -12,6 +12,7 @@ import tokenize
 import tomllib
 from functools import cache
 from graphlib import TopologicalSorter
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -54,7 +55,11 @@ ORDER = (
 LEVELS = {name: n for n, names in enumerate(ORDER.split(" | ")) for name in names.split()}
 HEAVY = ("libsumo", "traci", "scipy", "pandas", "pyarrow", "matplotlib")
 SESSION, INTERFACES = "harness.engine.session", {"libsumo", "traci"}
-OF_SUMO = re.compile('"(net-file|fcd-output|tripinfo|laneData|vType|DEFAULT_PEDTYPE|quit-on-end)"')
+OF_SUMO = (
+    r'"(libsumo|traci|sumolib)"|[!=]= ":"|(with|prefix)\(["\']:|crosswalk-harness-|VehicleType\('
+    r"|width_m: float = \d"
+)
+"""SUMO's interfaces, how ids inside junctions and names of its folders begin, and its defaults."""
 _SILENT = "COMMENT NL NEWLINE INDENT DEDENT ENDMARKER"
 SEALED = "CrossingPaths Evaluation Extraction GivenDensity HeldOut Normals RecordedPassage RowFile"
 """Records whose makers make arrays read-only, or give frames that belong to whoever asked."""
@@ -201,9 +206,28 @@ def test_one_module_knows_sumos_interfaces() -> None:
     # A town is read by SUMO's own library of networks.
     reads = {name for name, path in PATHS.items() for of in imports_of(path) if "sumolib" in of}
     assert reads == {"harness.engine.town_reader"}
-    # Its options and the words of its files are the engine's.
-    say = [name for name, path in PATHS.items() if OF_SUMO.search(path.read_text("utf-8"))]
-    assert {name.split(".")[1] for name in say} == {"engine"}
+
+
+def words_of_sumo() -> set[str]:
+    """The names of SUMO's options, of its files' contents and of TraCI that are no usual words."""
+    texts = []
+    for package, files in (("eclipse-sumo", "sumo/data/xsd/**/*.xsd"), ("traci", "traci/*.py")):
+        folder = Path(str(metadata.distribution(package).locate_file("")))
+        texts += [file.read_text("utf-8") for file in folder.glob(files)]
+    names = re.findall(r'(?:name="|value="|def |=")([\w.-]+)', "".join(texts))
+    return {name for name in names if re.search(r"\w[.-]|[a-z][A-Z]|[A-Z]_", name)}
+
+
+def test_the_engine_alone_knows_the_words_of_sumo() -> None:
+    words = words_of_sumo()
+    assert words >= {"net-file", "laneData", "vType", "getLeader", "DEFAULT_PEDTYPE"}
+    for name in PATHS:
+        if name.startswith("harness.engine.") or name == "harness.core.versions":
+            continue
+        text = PATHS[name].read_text("utf-8")
+        assert not re.search(OF_SUMO, text), name
+        said = re.findall(r'(?<=")[\w.-]+(?=")|(?<=\.)\w+', text)
+        assert not words & {*said}, name
 
 
 def test_frozen_records_have_nothing_that_can_be_written_to() -> None:

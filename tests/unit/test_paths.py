@@ -31,7 +31,7 @@ def drawn_m(shape: Points) -> float:
 def path(*shapes: Points, stretched: float = 1.0) -> FrontPath:
     """Successive lanes, of which the first one ends at the stop line."""
     lanes = [
-        Lane(str(n), shape, stretched * drawn_m(shape), LIMIT_MPS - n)
+        Lane(str(n), shape, stretched * drawn_m(shape), LIMIT_MPS - n, 3.2)
         for n, shape in enumerate(shapes)
     ]
     return FrontPath.along(lanes)
@@ -216,7 +216,7 @@ def bent_lanes(draw: st.DrawFn) -> FrontPath:
         for along, slope in draw(st.lists(steps, min_size=1, max_size=4)):
             at = (at[0] + along, at[1] + along * slope)
             shape.append(at)
-        lanes.append(Lane(f"lane{n}", shape, drawn_m(shape) * draw(st.floats(0.5, 4.0)), 10.0))
+        lanes.append(Lane(f"lane{n}", shape, drawn_m(shape) * draw(st.floats(0.5, 4.0)), 10.0, 3.2))
     return FrontPath.along(lanes)
 
 

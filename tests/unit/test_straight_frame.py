@@ -32,9 +32,9 @@ CONNECTION = Connection("a_0", (":J_0_0",), "b_0", "straight", False, shapely.Li
 def straight(limit: float = 10.0, inner: float = 10.0) -> FrontPath:
     """A straight road to the east: 60 m, 8 m inside the junction, 60 m."""
     lanes = [
-        Lane("a_0", [(-60, 0), (0, 0)], 60.0, limit),
-        Lane(":J_0_0", [(0, 0), (8, 0)], 8.0, inner),
-        Lane("b_0", [(8, 0), (68, 0)], 60.0, limit),
+        Lane("a_0", [(-60, 0), (0, 0)], 60.0, limit, 3.2),
+        Lane(":J_0_0", [(0, 0), (8, 0)], 8.0, inner, 3.2),
+        Lane("b_0", [(8, 0), (68, 0)], 60.0, limit, 3.2),
     ]
     return FrontPath.along(lanes)
 
@@ -60,7 +60,7 @@ def turning(radius_m: float, degrees: float) -> FrontPath:
     shapes = [(-60.0, 0.0), (0.0, 0.0)], [*map(tuple, arc.tolist())], [tuple(arc[-1]), tuple(far)]
     lengths = 60.0, radius_m * angle[-1], 60.0
     names = CONNECTION.from_lane, *CONNECTION.via, CONNECTION.to_lane
-    return FrontPath.along([*map(Lane, names, shapes, lengths, [10.0] * 3)])
+    return FrontPath.along([*map(Lane, names, shapes, lengths, [10.0] * 3, [3.2] * 3)])
 
 
 def driven(path: FrontPath, walked: Crosswalk) -> Passage:

@@ -7,7 +7,6 @@ follow while the parent goes on.
 import faulthandler
 import fcntl
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -18,7 +17,6 @@ from concurrent.futures import CancelledError
 from contextlib import suppress
 from importlib import import_module
 from multiprocessing.connection import Connection, Pipe
-from pathlib import Path
 from threading import Event, Lock, Thread
 from typing import TYPE_CHECKING
 
@@ -39,7 +37,7 @@ sys.path[:] = sys.argv[3:]
 from harness.studies.running.children import serve
 serve(int(sys.argv[1]), int(sys.argv[2]))
 """
-"""A child's program, in a new interpreter: a libsumo simulation does not survive a fork, and
+"""A child's program, in a new interpreter: a simulation of SUMO does not survive a fork, and
 multiprocessing would run the caller's main module again."""
 
 _STANDARD_ERROR = 2
@@ -155,9 +153,10 @@ class Child:
         self._process.communicate()
         self._connection.close()
         self._state.close()
+        from harness.engine.installation import remove_scratch  # to start a child needs it not
+
         # A process that is killed while SUMO starts leaves its folder.
-        for folder in Path(tempfile.gettempdir()).glob(f"crosswalk-harness-{self._process.pid}-*"):
-            shutil.rmtree(folder, ignore_errors=True)
+        remove_scratch(self._process.pid)
         return self._process.returncode
 
     def _head(self) -> bytes:
@@ -284,7 +283,7 @@ def serve(pipe: int, state: int) -> None:
     # A broken pipe means that the parent has ended.
     with suppress(EOFError, OSError):
         with suppress(Exception):  # the task raises it again
-            import_module("harness.engine.session").interface("libsumo")
+            import_module("harness.engine.session").interface()
             import_arrow()
             import_module("harness.studies.running.episodes")
         while connection.poll(_IDLE_S):

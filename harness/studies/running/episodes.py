@@ -48,7 +48,7 @@ def run_episodes(
 
         make_engine = partial(recording_engine, task.outputs, task.arms[0])
     if make_engine is not None:
-        close_engine()  # libsumo has one simulation
+        close_engine()  # a process has one simulation
     own: list[Engine] = []
 
     def get_engine(scenario: Scenario) -> Engine:

@@ -11,7 +11,7 @@ from harness.core.vocabulary import Arm, ignore
 from harness.encounter.arms import arm_key, check_arms
 from harness.engine.arm_files import check_routes
 from harness.engine.installation import scratch_folder
-from harness.engine.session import Module
+from harness.engine.session import Runs
 from harness.engine.shared import close_engine
 from harness.model.interaction import InteractionModel, load_model
 from harness.results.rows import simulation_rows
@@ -50,7 +50,7 @@ def checked_simulations(study: Study) -> tuple[list[InteractionModel], Mapping[s
 def simulate_task(
     task: Task,
     tell: Tell = ignore,
-    module: Module = "libsumo",
+    runs: Runs = "here",
     more: Mapping[str, str] = MappingProxyType({}),
 ) -> TaskRows:
     """Simulate every arm of a task's pair; those that were given up are recorded as failed.
@@ -60,10 +60,10 @@ def simulate_task(
     Args:
         task: a task of one pair.
         tell: see ``tasks.Tell``.
-        module: where SUMO runs.
+        runs: where SUMO runs.
         more: further options of SUMO.
     """
-    close_engine()  # libsumo has one simulation
+    close_engine()  # a process has one simulation
     (pair,) = task.pairs
     known: dict[str, ArmTables] = {}
     tables: dict[int, Tables] = {}
@@ -83,7 +83,7 @@ def simulate_task(
             arm,
             arms / (arm if task.outputs is None else ""),
             keeps=task.outputs is not None,
-            module=module,
+            runs=runs,
             more=more,
             begins=partial(tell, episode),
         )
