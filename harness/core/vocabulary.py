@@ -311,7 +311,8 @@ class Walk:
     ``start_s`` is the time at which they stepped off, ``speed_mps`` their walking speed, and
     (``range_m``, ``vehicle_speed_mps``) the ego's state at that time.  All four are None for a
     pedestrian who never stepped off.  Without ``legs`` they walk along x = 0 from kerb to kerb at
-    ``speed_mps``; with ``legs``, ``speed_mps`` is their initial desired speed.
+    ``speed_mps``; with ``legs``, ``speed_mps`` is their initial desired speed.  Of SUMO's people it
+    is the mean over the crosswalk, None if they were no farther at the end.
     """
 
     arrival: Arrival

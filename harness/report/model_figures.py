@@ -34,7 +34,7 @@ from harness.results.result import Result
 from harness.studies.models.fits import RULE_SHARE
 
 AXIS_LABELS = ("1/R (1/m)", "vehicle speed v (m/s)", "walking speed v_p (m/s)", "1/T_adv (1/s)")
-PAIRS = [(INVERSE_RANGE, VEHICLE_SPEED), (INVERSE_RANGE, PEDESTRIAN_SPEED)]
+PAIRS = ((INVERSE_RANGE, VEHICLE_SPEED), (INVERSE_RANGE, PEDESTRIAN_SPEED))
 PAIRS += [(INVERSE_TIME_ADVANTAGE, PEDESTRIAN_SPEED)]
 """The projections: v over 1/R, v_p over 1/R, and v_p over 1/T_adv."""
 
@@ -142,8 +142,8 @@ def _speeds(model: InteractionModel) -> tuple[str, Figure]:
     return f"{words}the human driver aims for. Without T_adv it is integrated out.", figure
 
 
-def _panels(down: int, across: int, height: float) -> tuple[Figure, list[Axes]]:
-    figure = Figure(figsize=(5.0 * across, height * down), layout="constrained")
+def _panels(down: int, across: int, height_inch: float) -> tuple[Figure, list[Axes]]:
+    figure = Figure(figsize=(5.0 * across, height_inch * down), layout="constrained")
     return figure, list(figure.subplots(down, across, squeeze=False).ravel())
 
 

@@ -4,7 +4,6 @@ import base64
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +21,6 @@ from harness.report.svg import inline_svg
 from harness.report.words import numbers_of, plain_text, text_and_ends
 from harness.results.folder import EVENTS, read_manifest
 from harness.results.loaded_run import Run, load_run
-from harness.results.notes import Note
 from harness.results.result import Entered, Result, Table
 from harness.results.tables import TABLES_OF
 from harness.scenario.variation import flatten
@@ -213,7 +211,7 @@ def _write(
         result=result,
         folder=folder,
         screen=_table(result.screen, "screen", confidence_of(result)),
-        notes=list(_notes(results)),
+        notes=_notes(results),
         failures=failures,
         pictures=pictures,
         episodes=episodes,
@@ -230,12 +228,12 @@ def _write(
     write_file(page, text.encode("utf-8", errors="replace"))
 
 
-def _notes(results: Iterable[Result]) -> Iterator[str]:
-    """Yield the notes of all results, the worst first; of each kind those of the first result."""
-    found: dict[str, Note] = {}
-    for note in chain.from_iterable(result.notes for result in results):
-        found.setdefault(note.key, note)
-    yield from (note.text for note in sorted(found.values(), key=lambda note: note.rank))
+def _notes(results: Sequence[Result]) -> list[str]:
+    """All notes, the worst first; later results add none with a key of the first result."""
+    said = {note.key for note in results[0].notes}
+    more = (note for each in results[1:] for note in each.notes if note.key not in said)
+    ordered = sorted((*results[0].notes, *more), key=lambda note: note.rank)
+    return [note.text for note in ordered]
 
 
 def _tables(results: Iterable[Result]) -> Iterator[_Table]:

@@ -86,8 +86,8 @@ def pictures_of(scene: PictureSource) -> Iterator[tuple[Picture, str, Figure]]:
     """Yield the pictures of a run with captions; call this inside ``style.styled``."""
     for picture in PICTURES:
         if scene.run.kind in picture.kinds and picture.wanted(scene):
-            panels, height = picture.size(scene)
-            figure, axes = new_figure(panels, panels * height)
+            panels, height_inch = picture.size(scene)
+            figure, axes = new_figure(panels, panels * height_inch)
             yield (picture, picture.draw(axes, scene), figure)
 
 
@@ -103,7 +103,7 @@ def pictures_of_result(result: Result) -> Iterator[DrawnPicture]:
         if not column.interval or len(shown) < len(cells):
             continue
         share = shown[0].style.form is Form.SHARE
-        figure, axes = new_figure(height=1.4 + 0.26 * len(names))
+        figure, axes = new_figure(height_inch=1.4 + 0.26 * len(names))
         found = [cell.finding for cell in shown]
         across = f"{column.heading}, %" if share else column.heading
         draw.draw_cells(axes[0], names, {Arm.AV: found}, across, 100.0 if share else 1.0)

@@ -78,7 +78,7 @@ def chosen_pairs(run: Run) -> dict[str, list[Key]]:
     """
     episodes = run.episodes[run.episodes["ending"] != Ending.FAILED]
     av, human = (episodes[episodes["arm"] == arm] for arm in Arm)
-    tau = run.pairs.dropna(subset="tau").sort_values("tau", kind="stable")
+    tau = (pairs := run.pairs).dropna(subset="tau").sort_values("tau", kind="stable")
     middles = [rows.iloc[[(len(rows) - 1) // 2]] for _, rows in tau.groupby("cell", sort=True)]
     chosen = {
         "crash of the AV": _keys(av[av["ending"] == Ending.CRASHED]),
@@ -91,7 +91,7 @@ def chosen_pairs(run: Run) -> dict[str, list[Key]]:
         "median τ": [key for middle in middles[:_MOST_MEDIANS] for key in _keys(middle)],
         "highest τ": _keys(tau.iloc[::-1])[:1],
     }
-    everyone = _keys(run.pairs, len(run.pairs))
+    everyone = _keys(pairs, len(pairs))
     if len(everyone) <= ALL_BELOW:
         shown = {key for keys in chosen.values() for key in keys}
         chosen["other pairs"] = [key for key in everyone if key not in shown]

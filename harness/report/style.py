@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
@@ -45,7 +46,7 @@ class Look(NamedTuple):
 
 AV = Look(BLUE, "-", "o")
 HUMAN = Look(VERMILLION, "--", "s")
-ARM_LOOKS = {Arm.AV: AV, Arm.HUMAN: HUMAN}
+ARM_LOOKS = MappingProxyType({Arm.AV: AV, Arm.HUMAN: HUMAN})
 SERIES = (
     AV,
     HUMAN,
@@ -80,9 +81,9 @@ def styled() -> Iterator[None]:
         yield
 
 
-def new_figure(panels: int = 1, height: float = HEIGHT_INCH) -> tuple[Figure, list[Axes]]:
+def new_figure(panels: int = 1, height_inch: float = HEIGHT_INCH) -> tuple[Figure, list[Axes]]:
     """A figure without a window, and its axes from top to bottom."""
-    figure = Figure(figsize=(WIDTH_INCH, height), layout="constrained")
+    figure = Figure(figsize=(WIDTH_INCH, height_inch), layout="constrained")
     return figure, list(figure.subplots(panels, 1, squeeze=False).ravel())
 
 

@@ -7,16 +7,17 @@ the light and the dark scheme.  Identifiers get a prefix, so that a page can hol
 import io
 import re
 import xml.etree.ElementTree as ET
+from types import MappingProxyType
 
 from matplotlib.figure import Figure
 
 from harness.report import style
 
-CSS_VARIABLES = {
+CSS_VARIABLES = MappingProxyType({
     style.INK: "--ink", style.MUTED: "--muted", style.GRID: "--grid", style.BLUE: "--blue",
     style.VERMILLION: "--vermillion", style.GREEN: "--green", style.PURPLE: "--purple",
     style.ORANGE: "--orange", "#ffffff": "--card",
-}  # fmt: skip
+})  # fmt: skip
 """The page's variable for each colour that a figure may use."""
 
 _SVG = "http://www.w3.org/2000/svg"

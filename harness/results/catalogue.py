@@ -271,7 +271,7 @@ ENTRIES: tuple[Entry, ...] = (
     _COUNT("fallbacks", "fallbacks", "Episodes or passages in which the strategy fell back on "
            "another one.", "fell_back", kinds=_BOTH),
     Entry("fallback_share", "fallbacks, episodes that met someone", "Their share among these.",
-          "fell_back", _average, weight="met", form=Form.SHARE, undefined=_NOBODY, kinds=_BOTH),
+          "fell_back_met", _average, weight="met", form=Form.SHARE, undefined=_NOBODY, kinds=_BOTH),
     Entry("clamped_share", "uses of the model outside its data", "Uses of the interaction model "
           "for a vehicle that was faster or farther away than its data, among all uses.",
           "clamped", _average, form=Form.SHARE, weight="conditionings", kinds=_BOTH,
@@ -337,6 +337,7 @@ ENTRIES: tuple[Entry, ...] = (
           ("met_somebody", "passages that met someone", counted("passages", "met")),
           ("cut_off", "passages that did not end", counted("passages", "cut_off")),
           ("people", "people", Of("count_distinct", "people", "person")),
+          ("still_crossing", "people still crossing at the end", counted("people", "no_delay")),
           ("never_went", "people who never went", counted("people", "never_went")))),
     *(_TOTAL(key, words, f"`{column}`.", column, network=True) for key, words, column in (
           ("vehicles", "trips", counted("vehicles")),

@@ -134,6 +134,7 @@ DERIVED: Mapping[str, Callable[[PairSample], Any]] = MappingProxyType({
     "crash_avoidable_attentive": lambda s: s["crashed"] & (s["avoidable_attentive"] == 1),
     "met": lambda s: s["pedestrians"] > 0,
     "fell_back": lambda s: s["fallback"] > 0,
+    "fell_back_met": lambda s: s["fell_back"] & s["met"],
     "counted_time_s": _counted_times,
     "worst_time_s": _worst_times,
     "worst_delay_s": lambda s: s["worst_time_s"] - _free_s(s),

@@ -6,7 +6,7 @@ unfinished run is made here, too.
 
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,7 +24,7 @@ from harness.results.cell_tables import drivers, scope_of, tables_of
 from harness.results.notes import FIRST, Note, notes_of, retries
 from harness.results.place import name_of, place_in_words
 from harness.results.result import Result
-from harness.results.tables import COUNTED, TABLES_OF, RunKind, Tables
+from harness.results.tables import COUNTED, TABLES_OF, RunKind
 from harness.scenario import Scenario, Study, study_from
 from harness.scenario.file import apply_setting, as_settings, parts_of, validate
 
@@ -45,15 +45,14 @@ class Run:
 
     path: Path
     manifest: folders.Manifest
-    """``manifest.json``: scenario, versions, models (docs/files.md); its tables are read-only."""
+    """``manifest.json``: scenario, versions, models (docs/files.md).  Its tables are
+    read-only, so ``json.dumps`` needs a copy of each as a dictionary."""
     study: Study
     """Its cells with their checked scenarios."""
     finished: bool
     """Whether every planned pair is there, episodes that failed among them."""
     cells: tuple[CellFindings, ...]
     """The findings of every cell that has a pair."""
-    _kept: Tables = field(init=False, repr=False, compare=False, default_factory=dict)
-    """The tables of all cells that have been asked for."""
 
     @property
     def name(self) -> str:
@@ -90,10 +89,9 @@ class Run:
         return self.study.base.kind
 
     def table(self, name: str) -> "pd.DataFrame":
-        """A table of all cells as a frame; it is read when it is first asked for."""
-        if name not in self._kept:
-            self._kept[name] = pa.concat_tables(self.rows(name, c.number) for c in self.study.cells)
-        frame: pd.DataFrame = self._kept[name].to_pandas()
+        """A table of all cells as a frame; it is read each time."""
+        cells = (self.rows(name, cell.number) for cell in self.study.cells)
+        frame: pd.DataFrame = pa.concat_tables(cells).to_pandas()
         return frame
 
     @property

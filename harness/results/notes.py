@@ -8,7 +8,7 @@ None.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from harness.core.vocabulary import BY_SUMO, SPEED_ROUNDING
@@ -173,9 +173,9 @@ def _fallback(cell: CellFindings) -> Iterator[Said]:
             continue
         pairs = cell["pairs" if cell.kind == "encounters" else f"driven{end}"].count
         share = cell[f"fallback_share{end}"].value
-        met = f" ({100 * share:.3g} % of those that met someone)" if share else ""
+        met = "" if share is None else f" ({100 * share:.3g} % of those that met someone)"
         parts.append(f"{fallback_of(strategy)} drove in {count:,} of {pairs:,} {arm} passages{met}")
-        weight = max(weight, 100 * (share or count / pairs))
+        weight = max(weight, 100 * count / pairs, 0.0 if share is None else 100 * share)
     if parts:
         more = "The scenario's strategy had no valid plan there."
         yield Said(f"{'; '.join(parts)}.", more, weight)
@@ -258,10 +258,11 @@ def _few_simulations(cell: CellFindings) -> Iterator[Said]:
 
 
 def _cut_off(cell: CellFindings) -> Iterator[Said]:
-    if count := cell.total("cut_off"):
-        by_arm, never = _by_arm(cell, "cut_off"), cell.total("never_went")
-        more = f"The {never:,} who never went count with their wait so far."
-        yield Said(f"Delays leave out {count:,} passages that did not end ({by_arm}).", more, count)
+    yield from _counted(cell, {
+        "cut_off": "Delays leave out passages that did not end",
+        "still_crossing": "People's delays leave out those still crossing at the end",
+        "never_went": "People who never went count with their wait until the end",
+    })  # fmt: skip
 
 
 def _who_drove(cell: CellFindings) -> Iterator[Said]:
@@ -289,14 +290,9 @@ def _fills(cell: CellFindings) -> Iterator[Said]:
         more = "A longer simulation would have longer delays."
         yield Said(text, more, max(growth.values()))
         return
-    jams, late, said = cell.total("teleports"), cell.total("long_trips"), []
-    if jams:
-        said.append(f"A jam: SUMO teleported vehicles ({_by_arm(cell, 'teleports')}).")
-    if late:
-        text = "Trips last longer than a third of the time, so it is not known whether roads fill"
-        said.append(f"{text} ({_by_arm(cell, 'long_trips')}).")
-    if said:
-        yield Said(said[0], " ".join(said[1:]), jams or late)
+    late = "Trips last longer than a third of the time, so it is not known whether roads fill"
+    jam = "A jam: SUMO teleported vehicles"
+    yield from _counted(cell, {"teleports": jam, "long_trips": late})
 
 
 def _people_of_sumo(cell: CellFindings) -> Iterator[Said]:
@@ -366,6 +362,14 @@ def retries(again: int | None) -> list[Note]:
     number = f"{again:,} in log.jsonl" if again else "unknown how many, if any: no whole log.jsonl"
     text = f"Tasks whose process had died were tried again ({number})."
     return [] if again == 0 else [Note("tried_again", len(RULES), "tried again", text)]
+
+
+def _counted(cell: CellFindings, sentences: Mapping[str, str]) -> Iterator[Said]:
+    """The sentences, by key, on counts above 0; the first of these counts is the weight."""
+    keys = [key for key in sentences if cell.total(key)]
+    said = [f"{sentences[key]} ({_by_arm(cell, key)})." for key in keys]
+    if keys:
+        yield Said(said[0], " ".join(said[1:]), cell.total(keys[0]))
 
 
 def _by_arm(cell: CellFindings, key: str) -> str:

@@ -38,6 +38,7 @@ ROWS: Mapping[str, Callable[[ConflictsSection], pc.Expression]] = MappingProxyTy
     "met": lambda _: _OF("pedestrians") > 0, "never_went": lambda _: _OF("start_s").is_null(),
     "waited": lambda _: _OF("let_go").is_valid(), "let_go": lambda _: _OF("let_go"),
     "unfinished": lambda _: _OF("arrival_s").is_null(),
+    "no_delay": lambda _: _OF("delay_s").is_null(),
 })
 """Which rows of a table a column counts; a contact is a conflict of every kind."""
 # fmt: on
@@ -175,7 +176,8 @@ NAMED: Mapping[str, Of | Callable[[SimulationSample], np.ndarray]] = MappingProx
     "failed": counted("arms", "failed"),
     "failed_strategy": counted("arms", "failed_strategy"),
     "met": counted("passages", "av", "driven", "met"),
-    "fell_back": counted("passages", "av", "driven", "met", "fell_back"),
+    "fell_back": counted("passages", "av", "driven", "fell_back"),
+    "fell_back_met": counted("passages", "av", "driven", "met", "fell_back"),
     "sumo_alone": counted("passages", "sumo_alone"),
     "conditionings": summed("arms", "conditionings"),
     "clamped": summed("arms", "clamped"),

@@ -199,8 +199,8 @@ PEOPLE = TableSchema("people", (
     Field("start_s", float, "s", "time of stepping off"),
     Field("cleared_s", float, "s", "time at which they left the crosswalk"),
     Field("wait_s", float, "s", "wait at the kerb, until stepping off or the end"),
-    Field("delay_s", float, "s", "delay against an undisturbed walk"),
-    Field("speed_mps", float, "m/s", "walking speed: drawn, or the mean over the crosswalk"),
+    Field("delay_s", float, "s", "delay against an undisturbed walk; null of who still crosses"),
+    Field("speed_mps", float, "m/s", "drawn, or the mean over the crosswalk; null if not above 0"),
     Field("let_go", bool, "", "whether they went before the vehicle that made them wait"),
 ))
 """One row for each person and crosswalk."""

@@ -167,9 +167,11 @@ def _people(
         walk, arrival_s = person.walk, person.walk.arrival.arrival_s
         until_s = end_s if walk.start_s is None else walk.start_s
         wait_s = until_s - arrival_s
-        delay_s, let_go = wait_s, person.let_go
-        if person.own and person.cleared_s is not None and walk.speed_mps:
-            delay_s = person.cleared_s - arrival_s - crosswalk.length_m / walk.speed_mps
+        delay_s, let_go = person.cleared_s, person.let_go
+        if not person.own or walk.speed_mps is None:  # SUMO's, or they wait until the end
+            delay_s = wait_s
+        elif delay_s is not None:
+            delay_s = max(delay_s - arrival_s - crosswalk.length_m / walk.speed_mps, 0.0)
         if not person.own and wait_s > 0.0 and walk.start_s is not None:
             let_go = bisect_right(fronts_s, arrival_s) == bisect_right(fronts_s, until_s)
         yield {
@@ -181,7 +183,7 @@ def _people(
             "start_s": walk.start_s,
             "cleared_s": person.cleared_s,
             "wait_s": wait_s,
-            "delay_s": max(delay_s, 0.0),
+            "delay_s": delay_s,
             "let_go": let_go,
             "speed_mps": walk.speed_mps,
         }

@@ -30,8 +30,6 @@ KERB_M = 0.02
 """A person nearer to a kerb than this is at it: SUMO may hold people 1 cm away from a kerb."""
 _ROUNDING_S = 1e-7
 """A leg that begins no farther from a step begins with it."""
-_SLOWEST_MPS = 1e-3
-"""Least speed of a way over the crosswalk: who goes back and forth may have none, on balance."""
 
 
 class Walked(NamedTuple):
@@ -112,7 +110,7 @@ class SumoPerson:
         walk = Walk(
             Arrival(self.index, came_s, side, None),
             start_s,
-            max((to_m - from_m) / (end_s - start_s), _SLOWEST_MPS),
+            None if to_m <= from_m else (to_m - from_m) / (end_s - start_s),
             legs=_legs(points[:, 0], np.interp(points[:, 0], time_s, left_m), y_m),
         )
         cleared_s = end_s if to_m >= length_m - KERB_M else None

@@ -16,8 +16,10 @@ _CHATTER_S = 0.5
 """A decision changes only if the margin is missed by this much."""
 _LINE_M, _LATEST_M = 3.5, 3.0
 """Distances before the crosswalk: of the preferred stop, and of the last possible one."""
-_PREFERRED, _MOST = (1.0, 1.0), (1.5, 1.5)
-"""Deceleration in m/s² and jerk in m/s³ of the preferred stop, and of the hardest one."""
+_GENTLE_MPS2, _GENTLE_MPS3 = 1.0, 1.0
+"""Deceleration and jerk of the preferred stop."""
+_HARD_MPS2, _HARD_MPS3 = 1.5, 1.5
+"""Deceleration and jerk of the hardest stop."""
 
 
 class AutowareCrosswalk:
@@ -102,11 +104,11 @@ def _stop(observation: Observation, else_mps2: float) -> float:
     """The acceleration of the stop that is possible; without one ``else_mps2``: it is cancelled."""
     ego, edge_m = observation.ego, observation.crossing.width_m / 2
     line_m, latest_m = ego.range_m - edge_m - _LINE_M, ego.range_m - edge_m - _LATEST_M
-    if latest_m < -ROUNDING or _way_m(observation, *_MOST) > latest_m + ROUNDING:
+    if latest_m < -ROUNDING or _way_m(observation, _HARD_MPS2, _HARD_MPS3) > latest_m + ROUNDING:
         return else_mps2
     if ego.speed_mps <= ROUNDING:
         return 0.0
-    gentle_m = _way_m(observation, *_PREFERRED)
+    gentle_m = _way_m(observation, _GENTLE_MPS2, _GENTLE_MPS3)
     begins = gentle_m + ego.speed_mps * observation.step_s >= line_m
     if not (begins or ego.acceleration_mps2 < -ROUNDING):
         return else_mps2

@@ -63,10 +63,11 @@ class SoftYield:
 
     def decide(self, observation: Observation, /) -> float:
         """Commanded acceleration in m/s²."""
-        last = _last_to_leave(observation.pedestrians)
-        if last is None or observation.ego.range_m <= 0:
-            if self._waits_out_margin(observation):
-                assert self._plan is not None
+        last, before = _last_to_leave(observation.pedestrians), observation.ego.range_m > 0
+        if last is None or not before:
+            waits = before and self._margin_s > 0 and self._target is not None
+            if waits and self._plan is not None and observation.time_s < self._plan.arrival_s:
+                # The last pedestrian has left, but the planned arrival is still ahead.
                 return _follow(self._plan, observation)
             self._target = None
             return towards_v0(observation)
@@ -78,16 +79,6 @@ class SoftYield:
         if self._plan is None:
             return self._hard_yield.decide(observation)
         return _follow(self._plan, observation)
-
-    def _waits_out_margin(self, observation: Observation) -> bool:
-        """Whether the last pedestrian has left but the planned arrival is still ahead."""
-        return (
-            self._margin_s > 0
-            and self._plan is not None
-            and self._target is not None
-            and observation.ego.range_m > 0
-            and observation.time_s < self._plan.arrival_s
-        )
 
     def _make_plan(self, observation: Observation, until_s: float) -> _Plan | None:
         """The plan to reach x = 0 in ``until_s``; None if there is none."""

@@ -130,12 +130,12 @@ def test_a_run_in_which_every_episode_of_the_av_failed(tmp_path: Path) -> None:
 
 
 def test_what_a_run_is_called_and_fails_with_stays_text(tmp_path: Path) -> None:
-    """Only our two scripts run, whose hashes the page names; failures are listed."""
+    """Only our two scripts run, whose hashes the page names; failures and all notes are listed."""
     failed = run("cctc_flow", pairs=2, settings={"arms.av": Failing}, out=tmp_path / "run", **QUICK)  # type: ignore[arg-type]
-    hostile = made_result(PAPER, HOSTILE, full=(PAPER,), title=HOSTILE)
+    hostile = made_result(PAPER, HOSTILE, HOSTILE, full=(PAPER,), title=HOSTILE)
     page = Page(write_page(failed, hostile, shown=shown_pairs(failed)).page)
     scripts = [of for tag, of in page.tags if tag == "script"]
     assert [of.get("type") for of in scripts] == ["application/json", None, None]
     assert {"img", "b"}.isdisjoint(tag for tag, _ in page.tags)
-    assert page.text.count('document.title = "owned"') >= 4
+    assert page.text.count('document.title = "owned"') >= 7  # both notes too
     assert f"cell 0, pair 1, av: the strategy raised RuntimeError: {HOSTILE[:40]}" in page.text

@@ -58,7 +58,7 @@ def tables(draw: st.DrawFn) -> Table:
 
 
 def result(screen: Table, *notes: str, full: tuple[Table, ...] = (), title: str = "t") -> Result:
-    said = tuple(Note(str(n), n, f"label {n}", text) for n, text in enumerate(notes))
+    said = tuple(Note("warning", n, f"label {n}", text) for n, text in enumerate(notes))
     closing, facts = ("Page: harness report RUN",), {"confidence": 0.95}
     return Result("run", title, "50 pairs, seed 1", "", screen, full, said, closing, facts=facts)
 

@@ -176,6 +176,8 @@ def test_people_of_the_harness(tmp_path: Path) -> None:
     (crosswalk,) = setup.crosswalks.values()
     walked = own.dropna(subset=["cleared_s"])
     assert len(walked) > 30
+    on_the_way = own["start_s"].notna() & own["cleared_s"].isna()
+    assert [*own.index[own["delay_s"].isna()]] == [*own.index[on_the_way]] != []
     taken_s = walked["cleared_s"] - walked["start_s"]
     assert np.allclose(taken_s, crosswalk.length_m / walked["speed_mps"])
 

@@ -119,15 +119,16 @@ def test_levels_of_service_are_the_handbooks() -> None:
 AV = arm(
     [
         passage("a", delay_s=4.0, pet_s=1.0, share_strategy=0.5, share_leader=0.5),
-        passage("b", delay_s=6.0, crosswalk=":b_c0"),
+        passage("b", delay_s=6.0, crosswalk=":b_c0", fallback=True, pedestrians=0),
         passage("c", driven=False, driver="sumo", not_driven_because="it came late", steps=0,
                 share_strategy=None, share_leader=None, delay_s=2.0, pedestrians=0),
         passage("d", automated=False, delay_s=1.0, contact_person="p", pet_s=None),
         passage("e", automated=False, front_s=None, rear_s=None, ended="cut", delay_s=None),
     ],
     [trip("a", time_loss_s=8.0), trip("d", automated=False, arrival_s=None, time_loss_s=2.0)],
-    [person("p", wait_s=2.0), person("p", crosswalk=":b_c0", wait_s=8.0, let_go=False),
-     person("q", start_s=None, wait_s=5.0, let_go=None)],
+    [person("p", wait_s=2.0, delay_s=4.0),
+     person("p", crosswalk=":b_c0", wait_s=8.0, let_go=False, cleared_s=None, delay_s=None),
+     person("q", start_s=None, wait_s=5.0, delay_s=5.0, let_go=None)],
     queues=(2.0, 7.0), teleports=2,
 )  # fmt: skip
 REFERENCE = arm(
@@ -158,7 +159,8 @@ NUMBERS = {
     "share_strategy": 150 / 200, "share_leader": 50 / 200, "driven": 2 / 3, "not_driven": 2,
     "let_go": 1 / 2, "throughput_per_hour": 4 * 6, "people": 2 * 2,
     "av_time_loss_s": 8.0, "other_time_loss_s_difference": -3.0,
-    "passages": 2 * 5, "cut_off": 2 * 1, "unfinished": 2 * 1,
+    "passages": 2 * 5, "cut_off": 2 * 1, "unfinished": 2 * 1, "never_went": 2 * 1,
+    "still_crossing": 2 * 1, "people_delay_s": (4 + 5) / 2, "fallbacks": 2 * 1, "fallback_share": 0,
     "teleports": 2 * 2, "teleports_human": 0, "pairs": 3, "failed": 0, "failed_human": 1,
     "failed_strategy": 0, "failed_strategy_human": 1,
 }  # fmt: skip
@@ -244,10 +246,9 @@ SAID: dict[str, tuple[Pairs, str]] = {
     "people_of_sumo": (several({"sumo_people": 3}), "until the car stands"),
     "nothing_tested (all)": ([(USUAL[0][0], failed()), (failed(), USUAL[0][1])], "every pair f"),
     "fallback": (altered(USUAL, fallback=True), f"{DRIVEN} of {DRIVEN} AV passages (100 %"),
-    "left_out": (
-        [(arm([passage("a"), passage("b", rear_s=None)], [trip("a")]), arm([passage("a")]))] * 6,
-        "6 passages that did not end (AV 6, human_yield 0)",
-    ),
+    "fallback (alone)": (altered(USUAL, fallback=True, pedestrians=0), f"in {DRIVEN} of {DRIVEN}"),
+    "left_out": ([(arm([passage("b", rear_s=None)]), arm())] * 6, "did not end (AV 6, human_yi"),
+    "left_out (waits)": ([(arm([], [], [person("p", start_s=None)]), arm())] * 6, "the end (AV 6,"),
     "outside_model": (several({"conditionings": 8, "clamped": 2}), "in 25 % (AV) of its uses"),
 }
 

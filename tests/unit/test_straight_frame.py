@@ -19,7 +19,7 @@ from harness.measures.ego import ego_positions
 from harness.simulation.arm import SimulatedArm
 from harness.simulation.cars import PASSED, Car, Meeting, Passage
 from harness.simulation.passages import free_pass_s, passages, strike_of
-from harness.simulation.walk import Walked, moved
+from harness.simulation.walk import SumoPerson, Walked, moved
 from harness.site.path import FrontPath, Lane
 from harness.site.town import Connection, Crosswalk
 from harness.site.zone import zone_of
@@ -216,3 +216,11 @@ def test_a_bent_axis(along_m: float) -> None:
     assert line.place(along_m) == pytest.approx(complex(line.position(along_m)), abs=1e-9)
     assert line.foot(0.5 - 2j) == pytest.approx((-2.0, -0.5))
     assert line.foot(3 + 13j) == pytest.approx((14.0, 0.0))
+
+
+def test_the_mean_speed_of_who_turned_back_is_undefined() -> None:
+    """Seen 5 m before the kerb at y = −3, 1 m beyond it, then 4 m beyond or 2 m before it."""
+    for last, speed_mps in ((4 + 1j, 3.0), (4 - 5j, None)):
+        seen = [(0.0, 4 - 8j, False), (1.0, 4 - 2j, True), (2.0, last, True)]
+        person = SumoPerson("p", 0, True, seen).walked(crosswalk())
+        assert person.walk.speed_mps == speed_mps

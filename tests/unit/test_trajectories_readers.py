@@ -132,11 +132,6 @@ def test_mobileye_awkward_records_are_counted(tmp_path):
     records = {reason: n for reason, n in counts.dropped["records"].items() if n}
     assert records == {"missing_value": 1, "not_a_number": 1, "duplicated": 1}
     assert counts.dropped["tracks"]["one_record"] == 1
-    path = tmp_path / "one.csv"
-    path.write_text(HEAD + sensor_lines([1.0])[0] + "\n")
-    found = extract(path, "mobileye")
-    assert len(found.rows) == 0
-    assert found.counts.dropped["tracks"]["one_record"] == 1
 
 
 def test_mobileye_without_a_bus_towards_the_crossing_is_refused(tmp_path):

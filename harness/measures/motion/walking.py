@@ -20,13 +20,12 @@ def legs_of(walk: Walk, crossing: Crossing) -> tuple[Leg, ...]:
 
 def cleared_s(walk: Walk, crossing: Crossing) -> float | None:
     """The time at which a pedestrian reaches the other kerb; None if they never do."""
-    if walk.start_s is None or walk.speed_mps is None:
+    if walk.start_s is None:
         return None
-    if walk.legs is None:
-        return walk.start_s + crossing.length_m / walk.speed_mps
+    legs = legs_of(walk, crossing)
     kerb_m = crossing.length_m if walk.arrival.side is Side.NEAR else 0.0
-    ends = [leg.time_s for leg in walk.legs[1:]] + [math.inf]
-    for leg, end_s in zip(walk.legs, ends, strict=True):
+    ends = [leg.time_s for leg in legs[1:]] + [math.inf]
+    for leg, end_s in zip(legs, ends, strict=True):
         time_s = leg.time_s + time_over_s(leg, kerb_m - leg.y_m)
         # The kerb may lie beyond the leg's end by a rounding error.
         if math.isfinite(time_s) and time_s <= end_s + ROUNDING:

@@ -101,7 +101,8 @@ class Detection:
 
     def _waits(self, track: SensorTrack) -> Iterator[float]:
         """The updates in sight until the first detection, then until each later one."""
-        yield updates_until_found(track.quantile or 0.0, self._probability)
+        first = 0.0 if track.quantile is None else track.quantile  # None: at the first update
+        yield updates_until_found(first, self._probability)
         again = GivenFirst(track.stream("redetection").bit_generator, track.first("redetection"))
         while True:
             yield updates_until_found(again.random(), self._probability)
@@ -181,19 +182,21 @@ class TrackError(NamedTuple):
 
 # fmt: off
 ERRORS = (
-    TrackError(Detection, ("detection_probability", "dropout_probability"), {
+    TrackError(Detection, ("detection_probability", "dropout_probability"), MappingProxyType({
         "redetection": TrackStream(1, drawn=lambda s: s.section.detection_probability < 1 and (
             s.section.dropout_probability > 0 or len(s.obstacles) > 0)),
         "dropout": TrackStream(later="the updates at which perception loses a pedestrian",
                                drawn=lambda s: s.section.dropout_probability > 0),
-    }),
-    TrackError(Noise, ("position_sd_m", "speed_sd_mps"), {"perception_error": TrackStream(
-        2, "the change of perception errors after a pedestrian's first update")}),
+    })),
+    TrackError(Noise, ("position_sd_m", "speed_sd_mps"), MappingProxyType({
+        "perception_error": TrackStream(
+            2, "the change of perception errors after a pedestrian's first update"),
+    })),
 )
 """The errors, in the order in which they act at an update."""
 # fmt: on
 
-TRACK_STREAMS = {purpose: of for error in ERRORS for purpose, of in error.streams.items()}
+TRACK_STREAMS = MappingProxyType({key: of for error in ERRORS for key, of in error.streams.items()})
 """All that tracks draw at random, by purpose."""
 
 
