@@ -34,8 +34,11 @@ from harness.results.result import Result
 from harness.studies.models.fits import RULE_SHARE
 
 AXIS_LABELS = ("1/R (1/m)", "vehicle speed v (m/s)", "walking speed v_p (m/s)", "1/T_adv (1/s)")
-PAIRS = ((INVERSE_RANGE, VEHICLE_SPEED), (INVERSE_RANGE, PEDESTRIAN_SPEED))
-PAIRS += [(INVERSE_TIME_ADVANTAGE, PEDESTRIAN_SPEED)]
+PAIRS = (
+    (INVERSE_RANGE, VEHICLE_SPEED),
+    (INVERSE_RANGE, PEDESTRIAN_SPEED),
+    (INVERSE_TIME_ADVANTAGE, PEDESTRIAN_SPEED),
+)
 """The projections: v over 1/R, v_p over 1/R, and v_p over 1/T_adv."""
 
 _CELLS = 48
