@@ -267,7 +267,7 @@ def test_nobody_met_is_not_nothing_ran(tell: Callable[..., Told], pair: Pair, wo
 
 
 def test_pairs_that_were_selected_by_their_outcome(tell: Callable[..., Told]) -> None:
-    drawn = [{"episode": number, "quantile": [0.5], "side": [0.2]} for number in range(3)]
+    drawn = [{"episode": n, "uniforms": {"quantile": [0.5], "side": [0.2]}} for n in range(3)]
     told = tell(usual, 3, pedestrians__drawn=drawn, experiment__pairs=3)
     assert "selected by their outcome" in told.notes["selected"]
     assert "selected by their outcome" in told.result.about
