@@ -84,7 +84,8 @@ def _routes(scenario: Scenario, vehicles: Iterable[Due]) -> ET.Element:
     root, strip = ET.Element("routes"), int(scenario.crossing.kerb_strip_m > 0)
     kinds = types_of(scenario)
     slowest_mps2 = min(vehicle.resume_acceleration_mps2 for vehicle in kinds.values())
-    # Twice the way from a stop to v0 at the whole acceleration: IDM approaches v0 slowly.
+    # Twice the way from a stop to v0 at the whole acceleration: IDM approaches v0 slowly.  The
+    # last tenth of the road stays free.
     recovers_m = scenario.ego.initial_speed_mps**2 / slowest_mps2
     leaves_m = min(max(_LEAVES_M, recovers_m), 0.9 * EXIT_M)
     for name, vehicle in kinds.items():

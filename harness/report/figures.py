@@ -365,7 +365,7 @@ def _star(axes: Axes, x: FloatArray, y: FloatArray, findings: Sequence[Finding])
 
 
 def _tick(axes: Axes, values: FloatArray) -> None:
-    """Set a tick at each value if there are only a few that are far enough apart."""
+    """Set a tick at each of at most nine values if 7 % of the axis lie between any two of them."""
     places = axes.transData.transform([(value, 0.0) for value in values])[:, 0]
     if len(values) <= 9 and (np.diff(places) > 0.07 * axes.bbox.width).all():
         axes.set_xticks(values, [f"{value:g}".replace("-", "−") for value in values])
@@ -375,8 +375,9 @@ def _tick(axes: Axes, values: FloatArray) -> None:
 def _edges(values: FloatArray) -> tuple[FloatArray, int]:
     """The edges of the bars, and the number of larger values, which count in the last bar.
 
-    If the largest τ is far above the 99.5 % quantile, the axis ends at that quantile.  Otherwise a
-    few large τ would squeeze all others into one bar.
+    There are √n bars, but at least 20 and at most 40.  If the largest τ is over 1.5 times as far
+    from the smallest as the 99.5 % quantile is, the axis ends at that quantile.  Otherwise a few
+    large τ would squeeze all others into one bar.
     """
     bins = min(max(math.ceil(math.sqrt(len(values))), 20), 40)
     low, high = float(values.min()), float(np.quantile(values, 0.995))
@@ -387,7 +388,10 @@ def _edges(values: FloatArray) -> tuple[FloatArray, int]:
 
 
 def _cut_spike(axes: Axes, edges: FloatArray, counts: IntArray) -> None:
-    """Cut and label a bar that is many times the next one, such as τ = 1 if nobody was met."""
+    """Cut and label a bar that is over four times the next one, such as τ = 1 if nobody was met.
+
+    The axis then ends at 1.6 times the next one, which leaves room for the label.
+    """
     highest, second = np.sort(counts)[::-1][:2]
     if second == 0 or highest <= 4 * second:
         return

@@ -43,11 +43,11 @@ PAIRS = (
 
 _CELLS = 48
 _SYMBOLS = (("1/R", "per m"), ("v", "m/s"), ("v_p", "m/s"), ("1/T_adv", "per s"))
-_INVERSE_RANGES, _INVERSE_TIMES = (0.07, 0.10, 0.13), (0.05, 0.10)
+_INVERSE_RANGES, _INVERSE_TIMES, _WALKING_MPS = (0.07, 0.10, 0.13), (0.05, 0.10), 1.2
 """The authors' public scripts draw these conditions."""
 
-_VEHICLE_SPEEDS = (2.0, 3.5, 5.0)
-"""Below the speed at the trigger in the paper's Table II."""
+_VEHICLE_SPEEDS, _TRIGGER_M = (2.0, 3.5, 5.0), 30.0
+"""Speeds up to that at the trigger in the paper's Table II, and the range there."""
 
 
 def write_model_page(
@@ -131,12 +131,12 @@ def _speeds(model: InteractionModel) -> tuple[str, Figure]:
     """v_p and v under the authors' conditions, and v_p as in a run."""
     figure, axes = _panels(2, 2, 4.0)
     given = (INVERSE_RANGE, VEHICLE_SPEED, INVERSE_TIME_ADVANTAGE)
-    conditions = [(inverse, 3.5, 0.1) for inverse in _INVERSE_RANGES]
+    conditions = [(each, _VEHICLE_SPEEDS[1], _INVERSE_TIMES[1]) for each in _INVERSE_RANGES]
     _draw_speeds(axes[0], model, PEDESTRIAN_SPEED, given, conditions)
-    at_trigger = [(1 / 30, speed) for speed in _VEHICLE_SPEEDS]
+    at_trigger = [(1 / _TRIGGER_M, speed) for speed in _VEHICLE_SPEEDS]
     _draw_speeds(axes[1], model, PEDESTRIAN_SPEED, WALKING_GIVEN, at_trigger)
     for panel, inverse_time in zip(axes[2:], _INVERSE_TIMES, strict=True):
-        conditions = [(inverse, 1.2, inverse_time) for inverse in _INVERSE_RANGES]
+        conditions = [(inverse, _WALKING_MPS, inverse_time) for inverse in _INVERSE_RANGES]
         driving = _draw_speeds(panel, model, VEHICLE_SPEED, DRIVING_GIVEN, conditions)
         modes = driving.mode(conditions)
         for mode, height, look in zip(modes, driving.pdf(modes, conditions), SERIES, strict=False):

@@ -83,6 +83,7 @@ def interval_text(shown: Shown, confidence: float = CONFIDENCE) -> str:
     if style.form is Form.LEVEL:
         return f"{level_of_service(low)} … {level_of_service(high)}"
     decimals = _decimals(finding, style)
+    # Rounding may have moved a bound of 0.
     low = 0.0 if abs(low) < 1e-6 * abs(finding.value) else low
     percent = " %" if style.form in _SHARES else ""
     return f"{_number(low, decimals, style)} … {_number(high, decimals, style)}{percent}"

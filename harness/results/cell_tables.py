@@ -50,7 +50,7 @@ def tables_of(cells: Sequence[CellFindings]) -> tuple[Table, tuple[Table, ...]]:
     return screen, tuple(every)
 
 
-def shown(entry: Entry, found: CellFindings | Findings, key: str = "") -> Shown:
+def as_shown(entry: Entry, found: CellFindings | Findings, key: str = "") -> Shown:
     """A number of a cell as a table shows it."""
     form = Form.SHARE if key.endswith("_difference") and entry.form is Form.EVENTS else entry.form
     return Shown(found[key or entry.key], Style(form, entry.digits))
@@ -109,9 +109,9 @@ def _rows(
     places = (cell.findings, *crosswalks.values())
     rows = []
     for entry in (each for each in entries if not each.beside):
-        own = [] if entry.of == "pair" else [shown(entry, cell, key) for key in entry.keys[:2]]
+        own = [] if entry.of == "pair" else [as_shown(entry, cell, key) for key in entry.keys[:2]]
         pair = entry if entry.of in ("pair", "both") else beside.get(entry.key)
-        at = [shown(pair, of, pair.keys[-1]) if pair else None for of in places]
+        at = [as_shown(pair, of, pair.keys[-1]) if pair else None for of in places]
         found = [cell[key] for each in (entry, pair) if each is not None for key in each.keys]
         reasons = "; ".join(dict.fromkeys(filter(None, (finding.reason for finding in found))))
         heading = entry.title(cell.scenario.conflicts.model_dump())
@@ -176,5 +176,5 @@ def _if_defined(entered: Entered) -> object:
 def _number(key: str, cell: CellFindings) -> Entered:
     entry = ENTRY_OF[key]
     if key == entry.key and entry.of in ("arms", "both"):
-        return Versus(*(shown(entry, cell, each) for each in entry.keys[:2]))
-    return shown(entry, cell, key)
+        return Versus(*(as_shown(entry, cell, each) for each in entry.keys[:2]))
+    return as_shown(entry, cell, key)

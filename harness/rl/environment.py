@@ -263,6 +263,7 @@ def _bounds(scenario: Scenario, nearest: int) -> tuple[Vector, Vector]:
     # 8 standard deviations occur once in 1e15 draws.
     far_m = 2 * crossing.length_m + 8 * scenario.perception.position_sd_m
     walking_mps = _FASTEST_WALK_MPS + 8 * scenario.perception.speed_sd_mps
+    # The acceleration is a difference of speeds, so it may exceed its limit by rounding.
     low = [beyond_m, 0.0, -vehicle.max_deceleration_mps2 - 1e-3]
     high = [vehicle.trigger_range_m, fastest_mps, hardest_mps2 + 1e-3]
     low += [0.0, -far_m, 0.0, 0.0, 0.0] * nearest

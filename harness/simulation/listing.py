@@ -107,7 +107,7 @@ def scenario_text(file: Path, edges: Sequence[str], written: Path) -> str:
 
 
 def _range_m(limit_mps: float) -> float:
-    """R0: enough to stop comfortably from the limit, and no less than an encounter's."""
+    """R0, whole 5 m: enough to stop comfortably from the limit, no less than an encounter's."""
     wanted_m = 5.0 * math.ceil(limit_mps**2 / (2 * _COMFORTABLE_MPS2) / 5.0)
     return max(wanted_m, EgoSection().trigger_range_m)
 

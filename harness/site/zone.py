@@ -15,6 +15,8 @@ _SAMPLE_M = 0.2
 """Distance of the places at which it is first asked whether the body touches the crosswalk."""
 _MARGIN_M = 10.0
 """Length of the path that is searched before the stop line, and beyond the junction."""
+_AT_LINE_M = 1e-6
+"""The lane before s = 0 may end this far before it, by rounding."""
 _SHORT_M = 0.5
 """Length of the path that shows its direction."""
 _STEP_S = 0.1
@@ -78,7 +80,7 @@ def zone_of(path: FrontPath, crosswalk: Crosswalk, length_m: float, width_m: flo
         crosswalk: the crosswalk.
         length_m, width_m: the vehicle's.
     """
-    before = path.lanes[int(np.argmax(path.starts_m[1:] > -1e-6))]
+    before = path.lanes[int(np.argmax(path.starts_m[1:] > -_AT_LINE_M))]
     drawn_m = np.abs(np.diff(path.points))
     near = (path.knots_m[1:] > -_MARGIN_M) & (drawn_m > 0.0)
     # The line is as long as it is drawn beyond its ends.

@@ -14,7 +14,7 @@ from harness.core.vocabulary import ROUNDING
 from harness.results import estimators
 from harness.results.catalogue import ENTRY_OF, Entry
 from harness.results.cell_findings import worst_cases
-from harness.results.cell_tables import drivers, scope_of, shown, table_of
+from harness.results.cell_tables import as_shown, drivers, scope_of, table_of
 from harness.results.columns import AV, REFERENCE, PairSample
 from harness.results.estimators import EQUAL, FEW, Sampling
 from harness.results.finding import Finding, Form, Plain
@@ -341,7 +341,7 @@ def _screen(rows: Sequence[ComparedPair], p_holm: Sequence[float | None], kind: 
     """The first screen: each cell's own number, their paired difference, and one p."""
 
     def both(entry: Entry) -> _Column:
-        numbers = [Versus(shown(entry, row.a.cell), shown(entry, row.b.cell)) for row in rows]
+        numbers = [Versus(as_shown(entry, row.a.cell), as_shown(entry, row.b.cell)) for row in rows]
         heading = entry.title(rows[0].a.cell.scenario.conflicts.model_dump())
         return Column(entry.key, heading), numbers
 

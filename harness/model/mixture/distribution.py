@@ -127,6 +127,7 @@ class TruncatedGaussianMixture:
         dimension, accepted = self.lower.size, list[FloatArray]()
         for k, missing in enumerate(rng.multinomial(n, self.weights)):
             while missing > 0:
+                # A tenth more than needed on average, and 16: few components need a second time.
                 tries = min(int(missing / self.masses[k] * 1.1) + 16, _MOST_DRAWS)
                 z = rng.standard_normal((tries, dimension))
                 rows = self.locations[k] + z @ self._factors[k].T

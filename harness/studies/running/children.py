@@ -135,7 +135,7 @@ class Child:
 
     def _stack(self) -> str:
         """The Python stacks of its threads, also if it hangs in C code."""
-        # The signal may wake it, so its state is not read again.
+        # The signal may wake it, so its state is not read again.  Its handler has 0.2 s to write.
         with suppress(ProcessLookupError):
             os.kill(self._process.pid, signal.SIGUSR1)
         time.sleep(0.2)
