@@ -15,10 +15,9 @@ _SAMPLE_M = 0.2
 """Distance of the places at which it is first asked whether the body touches the crosswalk."""
 _MARGIN_M = 10.0
 """Length of the path that is searched before the stop line, and beyond the junction."""
-_AT_LINE_M = 1e-6
-"""The lane before s = 0 may end this far before it, by rounding."""
-_SHORT_M = 0.5
-"""Length of the path that shows its direction."""
+_SHORT_M, _AT_LINE_M = 0.5, 1e-6
+"""Length of the path that shows its direction; the lane before s = 0 may end the second distance
+before it, by rounding."""
 _STEP_S = 0.1
 """Step of a simulation that has to see the vehicle on the crosswalk."""
 _LEAST_WIDTH_M = 0.01
