@@ -24,14 +24,15 @@ COLLISIONS = {
 _WALKABLE = ("--sidewalks.guess", "--crossings.guess")
 
 
-def call(folder: Path, program: str, *arguments: str) -> None:
-    """Run one of SUMO's programs in a folder."""
+def call(folder: Path, program: str, *arguments: str) -> str:
+    """Run one of SUMO's programs in a folder; what it says on standard error."""
     environment = {**os.environ, "SUMO_HOME": sumo.SUMO_HOME}
     command = [str(Path(sys.executable).parent / program), *arguments]
     done = subprocess.run(
         command, cwd=folder, capture_output=True, text=True, env=environment, check=False
     )
     assert done.returncode == 0, f"{program}: {done.stderr[-2000:]}"
+    return done.stderr
 
 
 def random_trips(folder: Path, net: Path, out: str, period_s: float, *more: str) -> None:

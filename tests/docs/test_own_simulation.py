@@ -1,10 +1,8 @@
 """The commands for a user's own SUMO scenario run as they are written, on the shipped example."""
 
-import os
 import re
 import shlex
 import shutil
-import sys
 from pathlib import Path
 
 import pytest
@@ -16,13 +14,6 @@ EXAMPLE = ROOT / "examples" / "own_simulation"
 END_S = 240
 """Of the ten minutes that the example has."""
 PAGE = (ROOT / "docs" / "simulations.md").read_text("utf-8")
-
-
-def with_sumo() -> dict[str, str]:
-    """The environment in which the programs of this Python's SUMO are found by name."""
-    # An import of SUMO's package in this process sets SUMO_HOME to a folder without tools.
-    env = {name: value for name, value in os.environ.items() if name != "SUMO_HOME"}
-    return env | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
 
 
 def commands(heading: str) -> list[list[str]]:

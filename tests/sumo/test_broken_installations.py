@@ -33,25 +33,16 @@ def one_line(done: "subprocess.CompletedProcess[str]", code: int, *parts: str) -
 
 
 NO_LIBRARY = "libxerces-c-3.2.so: cannot open shared object file: No such file or directory"
-CALLS = "simulation_step = person_moveToXY = vehicle_setSpeed = vehicle_getDistance"
-OTHER_VERSION = f"""
-class _libsumo:
-    {CALLS} = None
-
-def getVersion():
-    return 21, 'SUMO 1.20.0'
-"""
-LIBRARIES = {
-    "does not load": (f"raise ImportError({NO_LIBRARY!r})", NO_LIBRARY),
-    "other version": (OTHER_VERSION, "is SUMO 1.20.0, not"),
-}
+OTHER_VERSION = "def getVersion(): return 21, 'SUMO 1.20.0'"
 
 
 @pytest.mark.parametrize(
-    "fault", ["does not load", pytest.param("other version", marks=pytest.mark.slow)]
-)
-def test_a_library_that_is_of_no_use(tmp_path: Path, fault: str) -> None:
-    source, reason = LIBRARIES[fault]
+    ("source", "reason"),
+    [(f"raise ImportError({NO_LIBRARY!r})", NO_LIBRARY),
+     pytest.param(OTHER_VERSION, "is SUMO 1.20.0, not", marks=pytest.mark.slow)],
+    ids=["does not load", "other version"],
+)  # fmt: skip
+def test_a_library_that_is_of_no_use(tmp_path: Path, source: str, reason: str) -> None:
     env = broken(tmp_path, "libsumo", source)
     one_line(shell(*RUN, "--out", tmp_path / "out", env=env), 1, "worker", reason)
 

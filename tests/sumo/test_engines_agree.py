@@ -6,7 +6,7 @@ they agree on was computed twice.
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields
 from types import MappingProxyType
 
@@ -14,28 +14,35 @@ import numpy as np
 import pytest
 
 from harness.encounter.pairing import PairRunner
-from harness.engine.plain import PlainEngine
 from harness.engine.shared import close_engine, open_engine
 from harness.measures import MEASURES, EpisodeRecord, Outcome
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario, validate
 from harness.strategies import registry
+from tests.scenes import on_plain
 
-People = Mapping[str, object]
+Keys = Mapping[str, object]
+
+NONE: Keys = MappingProxyType({})
 
 # SUMO's own driver is nowhere but in SUMO.
 STRATEGIES = [name for name in registry.STRATEGIES if name != "sumo_driver"]
 
 
-def random_scene(rng: np.random.Generator, seed: int, people: People) -> Scenario:
-    """Each strategy in turn against any, any of a few egos, flows from one walker to many."""
+def random_scene(
+    rng: np.random.Generator, seed: int, people: Keys, own: Keys = NONE, road: Keys = NONE
+) -> Scenario:
+    """Each strategy in turn against any, any of a few egos, flows from one walker to many.
+
+    The ego has some keys of its ``own``, and so has the ``road``.
+    """
     first = bool(rng.random() < 0.5)
-    speed = float(rng.choice([3.0, 5.0, 8.3]))
     ego = {
-        "initial_speed_mps": speed,
+        "initial_speed_mps": float(rng.choice([3.0, 5.0, 8.3])),
         "trigger_range_m": float(rng.choice([30.0, 42.5])),
         # Never exactly where a step ends: the last bit would decide what is seen.
         "detection_range_m": float(rng.choice([20.03, 60.0])),
+        **own,
     }
     pedestrians = {
         "flow_per_hour": float(rng.choice([150, 600, 1500])),
@@ -53,8 +60,8 @@ def random_scene(rng: np.random.Generator, seed: int, people: People) -> Scenari
     tree["experiment"] = {"seed": seed, "timeout_s": 40.0, "step_s": step_s}
     if seed % 4 == 0:
         tree["actuation"] = {"dead_time_s": 0.25, "lag_s": 0.3, "max_jerk_mps3": 9.0, "human": True}
-        tree["crossing"] = {"grade": -0.05, "friction": 0.4}
-    return validate(tree, "test")
+        road = {**road, "grade": -0.05, "friction": 0.4}
+    return validate({**tree, "crossing": {**road}}, "test")
 
 
 def same(one: object, other: object) -> bool:
@@ -89,40 +96,32 @@ def assert_same_episode(sumo: Outcome, plain: Outcome, where: object) -> None:
     assert isinstance(a.sumo_collision, bool)
 
 
-def compare(
-    scenes: int,
-    pairs: int,
-    sumo,
-    model: InteractionModel,
-    seed: int,
-    people: People = MappingProxyType({}),
-) -> Counter[str]:
+def random_scenes(scenes: int, seed: int, **people: object) -> Iterator[Scenario]:
     rng = np.random.default_rng(seed)
+    return (random_scene(rng, number, people) for number in range(scenes))
+
+
+def compare(scenes: Iterable[Scenario], pairs: int, sumo, model: InteractionModel) -> Counter[str]:
     seen: Counter[str] = Counter()
-    for number in range(scenes):
-        scene = random_scene(rng, number, people)
-        in_sumo = PairRunner(scene, model, lambda scene=scene: sumo(scene))
-        plain = PairRunner(
-            scene, model, lambda scene=scene: PlainEngine(scene.vehicle(), scene.experiment.step_s)
-        )
-        for one, other in zip(in_sumo.run(range(pairs)), plain.run(range(pairs)), strict=True):
+    for number, scene in enumerate(scenes):
+        in_sumo = PairRunner(scene, model, lambda scene=scene: sumo(scene)).run(range(pairs))
+        for one, other in zip(in_sumo, on_plain(scene, model).run(range(pairs)), strict=True):
             where = (number, one.pair, one.arm, one.strategy)
             assert_same_episode(one, other, where)
             seen[one.strategy] += 1
             seen[one.record.ending] += 1
             seen["seen by SUMO"] += bool(one.trace.sumo_collision)
             seen["SUMO alone"] += bool(one.trace.sumo_collision) and one.record.contact is None
+            seen["met"] += one.record.pedestrians
             seen["met several"] += one.record.pedestrians > 1
-            seen["set off late"] += any(
-                walk.start_s and walk.start_s > walk.arrival.arrival_s + 1
-                for walk in one.trace.walks
-            )
+            starts = ((walk.start_s, walk.arrival.arrival_s) for walk in one.trace.walks)
+            seen["set off late"] += any(at and at > came + 1 for at, came in starts)
     return seen
 
 
 def test_a_few_hundred_random_episodes(sumo, model) -> None:
     scenes = 4 * len(STRATEGIES)
-    seen = compare(scenes, pairs=5, sumo=sumo, model=model, seed=7)
+    seen = compare(random_scenes(scenes, 7), 5, sumo, model)
     assert sum(seen[name] for name in STRATEGIES) == scenes * 5 * 2
     assert min(seen[name] for name in STRATEGIES) >= 20
     assert seen["crossed"] > 100
@@ -136,13 +135,13 @@ def test_a_few_hundred_random_episodes(sumo, model) -> None:
 
 def test_pedestrians_who_decide_by_thresholds(sumo, model) -> None:
     wary = {"behaviour": "threshold", "threshold": {"factor": 2.0}}
-    seen = compare(3 * len(STRATEGIES), pairs=4, sumo=sumo, model=model, seed=9, people=wary)
+    seen = compare(random_scenes(3 * len(STRATEGIES), 9, **wary), 4, sumo, model)
     assert seen["set off late"] > 3
 
 
 @pytest.mark.slow
 def test_thousands_of_random_episodes(sumo, model) -> None:
-    seen = compare(scenes=150, pairs=10, sumo=sumo, model=model, seed=8)
+    seen = compare(random_scenes(150, 8), 10, sumo, model)
     assert seen["crossed"] + seen["crashed"] + seen["timed_out"] == 3000
 
 

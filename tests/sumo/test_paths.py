@@ -1,10 +1,9 @@
 """Paths, zones and towns against SUMO's own positions, angles and right of way."""
 
 import tomllib
-from collections import Counter, defaultdict
+from collections import Counter, defaultdict, namedtuple
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import libsumo
 import numpy as np
@@ -18,7 +17,7 @@ from harness.engine.protocol import CAR
 from harness.engine.session import Session, interface, vehicle_types
 from harness.engine.town_reader import read_town
 from harness.simulation.listing import crossings_of, scenario_text
-from harness.site.town import NO_VEHICLES, RAIL, Connection, Town
+from harness.site.town import NO_VEHICLES, RAIL, Town
 from harness.site.zone import zone_of
 from tests.scenes import refuses
 from tests.towns import call, grid, town, write_config
@@ -28,19 +27,11 @@ POINT_M = (0.5, 1e-6)
 QUIET = {"no-step-log": "true", "no-warnings": "true"}
 
 
-class Seen(NamedTuple):
-    """A vehicle on a connection by SUMO: s by its odometer, where it is, and its body there."""
-
-    vehicle: str
-    connection: Connection
-    s: FloatArray
-    place: FloatArray
-    bodies: FloatArray
-    length_m: float
-    width_m: float
+Seen = namedtuple("Seen", "connection s place bodies length_m width_m")
+"""A vehicle on a connection by SUMO: s by its odometer, where it is, and its body there."""
 
 
-def driven(config: Path, end_s: float) -> dict[str, tuple[list[str], FloatArray, float, float]]:
+def driven(config: Path, end_s: float) -> Iterator[tuple[list[str], FloatArray, float, float]]:
     """Of every vehicle: its lanes, (position, odometer, x, y, angle) at each step, and its size."""
     lanes, rows, sizes = defaultdict(list), defaultdict(list), {}
     session = Session(config, QUIET)
@@ -54,14 +45,14 @@ def driven(config: Path, end_s: float) -> dict[str, tuple[list[str], FloatArray,
             rows[name].append((*moved, *place, libsumo.vehicle.getAngle(name)))
             sizes[name] = session.built(name)[:2]
     session.close()
-    return {name: (lanes[name], np.array(rows[name]), *sizes[name]) for name in rows}
+    return ((lanes[name], np.array(rows[name]), *sizes[name]) for name in rows)
 
 
 def seen(town: Town, config: Path, end_s: float) -> Iterator[Seen]:
     """Every vehicle's way over a junction, from the lane before it to the lane beyond it."""
     every = {each for at in town.crosswalks.values() for each in at.connections}
     by_lane = {each.via[0]: each for each in every}
-    for vehicle, (lanes, rows, length_m, width_m) in driven(config, end_s).items():
+    for lanes, rows, length_m, width_m in driven(config, end_s):
         for i in range(1, len(lanes)):
             found = by_lane.get(lanes[i]) if lanes[i] != lanes[i - 1] else None
             if found is None or lanes[i - 1] != found.from_lane:
@@ -77,14 +68,12 @@ def seen(town: Town, config: Path, end_s: float) -> Iterator[Seen]:
             # The odometer's value at the stop line, taken once: when the lane is entered.
             at_m = ahead[lanes[start]] + rows[start, 0]
             _, odometer_m, x, y, angle_deg = rows[start:end].T
-            heading = np.radians(90.0 - angle_deg)
-            front = np.stack([x, y], axis=-1)
-            ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
-            left = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1) * width_m / 2
-            rear = front - length_m * ahead
-            bodies = np.stack([front - left, front + left, rear + left, rear - left], axis=1)
+            front, heading = x + 1j * y, np.exp(1j * np.radians(90.0 - angle_deg))
+            left, rear = heading * 1j * width_m / 2, front - length_m * heading
+            corners = np.stack([front - left, front + left, rear + left, rear - left], axis=1)
+            bodies = np.stack([corners.real, corners.imag], axis=2)
             s = odometer_m - odometer_m[0] + at_m
-            yield Seen(vehicle, found, s, front, bodies, length_m, width_m)
+            yield Seen(found, s, front, bodies, length_m, width_m)
 
 
 def step_of(hits: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> int | None:
@@ -108,21 +97,16 @@ def test_vehicles_are_where_their_path_says(
     assert {each.left_hand for each in here.crosswalks.values()} == {kind == "left"}
     assert {each.refused for each in here.crosswalks.values()} == {None}
     assert {each.prioritized for each in here.crosswalks.values()} == {kind == "zebras"}
-    zones, crosswalks = {}, {}
-    for way in here.connections.values():
-        junction = way.via[0].rsplit("_", 2)[0]
-        crosswalks[way] = [
-            each for name, each in here.crosswalks.items() if name.rsplit("_", 1)[0] == junction
-        ]
+    zones = {}
     fronts, firsts, lasts, manoeuvres = Counter(), Counter(), Counter(), Counter()
     for each in seen(here, config, end_s):
         road = here.path(each.connection)
-        place = each.place[:, 0] + 1j * each.place[:, 1]
-        np.testing.assert_allclose(road.position(each.s), place, atol=1e-3)
+        np.testing.assert_allclose(road.position(each.s), each.place, atol=1e-3)
         outlines = road.outline(each.s, each.length_m, each.width_m)
         known = each.s - each.length_m > road.starts_m[0]  # before it, the rear is on another lane
         np.testing.assert_allclose(outlines[known], each.bodies[known], atol=2e-3)
-        for crosswalk in crosswalks[each.connection]:
+        there = each.connection.via[0].rsplit("_", 2)[0]
+        for crosswalk in (at for at in here.crosswalks.values() if at.id[: -len("_c0")] == there):
             body = zone_of(road, crosswalk, each.length_m, each.width_m)
             point = zone_of(road, crosswalk, *POINT_M)
             size = each.length_m, each.width_m
@@ -132,7 +116,7 @@ def test_vehicles_are_where_their_path_says(
             if body is None or each.s[-1] < body.last_m:
                 assert body is not None or not touching.any()
                 continue
-            inside = shapely.contains_xy(crosswalk.area, *each.place.T)
+            inside = shapely.contains_xy(crosswalk.area, each.place.real, each.place.imag)
             within = (each.s >= body.first_m) & (each.s <= body.last_m)
             assert touching.any() or not within.any() or body.split
             if touching.any():
@@ -272,13 +256,9 @@ def test_the_same_simulation_in_another_process(tmp_path: Path) -> None:
         session.ignore(name, [person])
         asked = [getattr(cars, each)(name) for each in cars.__slots__ if asks(each)]
         asked += [getattr(people, each)(person) for each in people.__slots__ if asks(each)]
-        asked += [
-            session.follows(name, 10.0, 4.5),
-            session.lanes_ahead(name, cars.lane(name)),
-            session.last.collisions(),
-            session.last.teleported(),
-        ]
-        asked += [session.last.vehicles_on(edge_of(cars.lane(name))), session.step_s]
+        asked += [session.follows(name, 10.0, 4.5), session.lanes_ahead(name, cars.lane(name))]
+        asked += [session.last.collisions(), session.last.teleported(), session.step_s]
+        asked.append(session.last.vehicles_on(edge_of(cars.lane(name))))
         answers.append([tuple(each) if isinstance(each, list) else each for each in asked])
         session.close()
     assert answers[0] == answers[1]

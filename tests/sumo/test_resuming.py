@@ -32,26 +32,14 @@ from tests.batches import (
     wait_for,
 )
 from tests.recordings import made_up
+from tests.sumo.test_simulation_runs import hour
 
-HOUR = """
-[ego]
-initial_speed_mps = 8.0
-trigger_range_m = 30.0
-[arms]
-av = "gap_yield"
-human = "human_yield"
-[traffic]
-flow_per_hour = 400
-oncoming_per_hour = 300
-duration_s = 120
-warm_up_s = 30
-"""
 RUN = ["run", "cctc", "--pairs", 25, "--traces", *options_of(QUICK)]
 LONGER = ["--pairs", 400, "--set", "experiment.decide_limit_s=100"]
 COMMANDS: dict[str, list[object]] = {
     "run": RUN,
     "sweep": ["sweep", *RUN[1:], "--vary", "ego.length_m=4,5"],
-    "simulation": ["run", "hour.toml", "--pairs", 3, "--set", "pedestrians.flow_per_hour=200"],
+    "simulation": ["run", "hour.toml", "--pairs", 3],
     "risk": ["risk", "cctc", "--set", "arms.av=constant_speed", "--target-cv", 0.3],
     "longer": [*RUN, *LONGER],
 }
@@ -63,7 +51,7 @@ INT, TERM, KILL = signal.SIGINT, signal.SIGTERM, signal.SIGKILL
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], dict[str, bytes]]:
     """What an uninterrupted command writes, by its name; each is carried out once."""
     folder, found = tmp_path_factory.mktemp("whole"), dict[str, dict[str, bytes]]()
-    (folder / "hour.toml").write_text(HOUR)
+    hour(folder)
 
     def files(name: str) -> dict[str, bytes]:
         if name not in found:
@@ -76,8 +64,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], dict[str,
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    (tmp_path / "hour.toml").write_text(HOUR)
-    return tmp_path
+    return hour(tmp_path).parent
 
 
 @pytest.mark.parametrize(

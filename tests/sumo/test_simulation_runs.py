@@ -4,8 +4,6 @@ import gzip
 import json
 import math
 import shutil
-import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -21,7 +19,7 @@ from harness.scenario import load_scenario
 from harness.simulation.demand import vehicles_due
 from harness.studies.running.run import resume, run
 from tests import faulty, towns
-from tests.batches import content, here, printed
+from tests.batches import content, here, printed, refusal
 from tests.scenes import refuses
 
 TABLES = ("arms", "passages", "vehicles", "people", "crosswalks")
@@ -31,15 +29,9 @@ def hour(folder: Path, *more: str) -> Path:
     """A scenario file with ``[traffic]`` that takes a second."""
     path = folder / "hour.toml"
     path.write_text(
-        f"""[ego]
-initial_speed_mps = 8.0
-trigger_range_m = 30.0
-[pedestrians]
-flow_per_hour = 200.0
-behaviour = "threshold"
-[arms]
-av = "gap_yield"
-human = "human_yield"
+        f"""ego = {{initial_speed_mps = 8.0, trigger_range_m = 30.0}}
+pedestrians = {{flow_per_hour = 200.0, behaviour = "threshold"}}
+arms = {{av = "gap_yield", human = "human_yield"}}
 [traffic]
 flow_per_hour = 400
 oncoming_per_hour = 300
@@ -53,12 +45,9 @@ warm_up_s = 60
 
 def own(folder: Path, config: str, crossing: str, *more: str) -> Path:
     """A scenario file with ``[simulation]``."""
-    path = folder / "own.toml"
-    lines = "\n".join(more)
-    path.write_text(
-        f'[arms]\nav = "gap_yield"\nhuman = "human_yield"\n[simulation]\nfile = "{config}"\n'
-        f'crossings = ["{crossing}"]\n{lines}\n'
-    )
+    path, arms = folder / "own.toml", 'arms = {av = "gap_yield", human = "human_yield"}'
+    simulation = f'[simulation]\nfile = "{config}"\ncrossings = ["{crossing}"]'
+    path.write_text("\n".join([arms, simulation, *more]))
     return path
 
 
@@ -89,14 +78,8 @@ def test_the_written_file_of_a_pair_gives_the_same_passages_as_a_file_of_her_own
     for name in TABLES[1:]:
         assert rows(whole, name, pair=0) == rows(again, name)
     trips = tmp_path / "trips.xml"
-    command = [str(Path(sys.executable).parent / "sumo"), "-c", str(config)]
-    done = subprocess.run(
-        [*command, "--tripinfo-output", str(trips), "--no-step-log"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert not done.stderr
+    words = ("-c", str(config), "--tripinfo-output", str(trips), "--no-step-log")
+    assert not towns.call(tmp_path, "sumo", *words)
     due = [*vehicles_due(load_scenario(hour(tmp_path)), 0)]
     assert trips.read_text().count("<tripinfo ") == len(due)
 
@@ -138,9 +121,8 @@ def test_people_come_from_the_kerb_of_the_share(
     assert {row["side"] for row in rows(found, "people")} == {side}
     printed("replay", found.path, "--pair", 0, "--arm", "av", "--out", tmp_path / "again")
     seen = ET.fromstring(gzip.decompress((tmp_path / "again" / "fcd.xml.gz").read_bytes()))
-    first: dict[str, complex] = {}
-    for each in seen.iter("person"):
-        first.setdefault(each.attrib["id"], complex(*(float(each.attrib[axis]) for axis in "xy")))
+    states = ([each.attrib[name] for name in ("id", "x", "y")] for each in seen.iter("person"))
+    first = {name: complex(float(x), float(y)) for name, x, y in reversed([*states])}
     assert len(first) > 5
     # A step after they set off.
     assert max(abs(place - sign * (3.264 + 3.098j)) for place in first.values()) < 2.5
@@ -161,8 +143,8 @@ def test_a_failure_costs_its_arm_alone(tmp_path: Path, fault: str, reason: str) 
     assert fault == "aborts" or FAILED_AT in arms[2]["reason"]
     assert found.failures == ((0, 1, "av", arms[2]["reason"]),)
     assert "1 simulations failed; the first: cell 0 pair 1" in here("show", found.path).stderr
-    numbers = {key: value for key, value in arms[2].items() if key not in ("cell", "pair", "arm")}
-    assert {key for key, value in numbers.items() if value is not None} == {"reason", "failed_in"}
+    known = {key for key, value in arms[2].items() if value is not None}
+    assert known == {"cell", "pair", "arm", "reason", "failed_in"}
     for name in TABLES[1:]:
         there = {(row["pair"], row["arm"]) for row in rows(found, name)}
         assert there == {(0, "av"), (0, "human"), (1, "human")}
@@ -208,7 +190,6 @@ def _stop(*_: int) -> None:
 USABLE = ":B1_c0"
 NOWHERE = '<trip id="x" depart="50" from="A0A1" to="no"/></routes>'
 HOSTILE = {
-    "a network that is cut off": ("net.net.xml", "", "", "net.net.xml|town.sumocfg"),
     "a route to nowhere": ("vehicles.trips.xml", "</routes>", NOWHERE, "town.sumocfg: .*edge 'no'"),
     "random seeds": ("", "</configuration>", '<random value="true"/></configuration>', ""),
     # As SUMO has them by default.
@@ -227,7 +208,7 @@ def test_a_hostile_configuration_is_refused_in_one_line_or_works(tmp_path: Path,
     path = tmp_path / spoilt if spoilt else config
     text = path.read_text()
     assert find in text
-    path.write_text(text.replace(find, replace) if find else text[:20_000])
+    path.write_text(text.replace(find, replace))
     file = own(tmp_path, config.name, USABLE, HARNESS_PEOPLE)
     if refused:
         refuses(refused, lambda: run(file, pairs=1, out=tmp_path / "run", workers=0))
@@ -253,13 +234,10 @@ def test_crossings_lists_who_passes_and_all_with_reasons(town: Path) -> None:
     # The reasons of a narrow screen are wrapped.
     assert "controls it" not in few
     assert "controls it" in every
-    done = here("crossings", town / "town.sumocfg", "--write", town / "no.toml", "--edge", ":C2_c0")
-    assert (done.returncode, "a traffic light controls it" in done.stderr) == (2, True)
+    write = ("crossings", town / "town.sumocfg", "--write")
+    assert "a traffic light controls it" in refusal(*write, town / "no.toml", "--edge", ":C2_c0")
+    assert "exists; allowed: a new file" in refusal(*write, town / "town.toml", "--edge", USABLE)
     assert not (town / "no.toml").exists()
-    again = here(
-        "crossings", town / "town.sumocfg", "--write", town / "town.toml", "--edge", USABLE
-    )
-    assert "town.toml: exists; allowed: a new file" in again.stderr
 
 
 def test_a_written_scenario_runs_and_its_worst_passage_is_replayed(
@@ -270,39 +248,30 @@ def test_a_written_scenario_runs_and_its_worst_passage_is_replayed(
     worst = json.loads(printed(*by_delay, "av", "--json"))
     assert {row["driver"] for row in worst["records"]} == {"gap_yield"}
     assert "the simulation ended" not in {row["ended"] for row in worst["records"]}
-    others = here(*by_delay, "reference")
-    assert others.returncode == 2
+    refusal(*by_delay, "reference")
     out = tmp_path / "again"
     told = printed("replay", tmp_path / "run", "--pair", 0, "--arm", "av", "--out", out)
     assert "is the stored one" in told
     # Who drove is in SUMO's own file: the least speed of a vehicle is in it.
     places = gzip.decompress((out / "fcd.xml.gz").read_bytes()).decode()
-    row = worst["records"][0]
-    assert f'id="{row["vehicle"]}"' in places
+    assert f'id="{worst["records"][0]["vehicle"]}"' in places
 
 
 @pytest.mark.parametrize(
     ("settings", "line"),
     [
-        ({"simulation.crossings": [":B1_c9"]}, "unknown crosswalk ':B1_c9'"),
         ({"simulation.crossings": [":C2_c0"]}, "a traffic light controls it"),
         ({"simulation.av_types": ["bus"]}, "unknown vehicle type or class 'bus'"),
         ({"simulation.end_s": 100.0}, "simulation.end_s: 100 s; .* within 0 to 60 s"),
         ({"simulation.begin_s": 9.0, "simulation.end_s": 9.0}, "end_s: 9 s; .* after .*begin_s"),
-        ({"simulation.av_shares": 1}, "did you mean 'av_share'"),
-        ({"simulation.step_s": 1.5}, "simulation.step_s"),
         ({"ego.trigger_range_m": 10.0}, "nobody stops within 10 m from 13.89 m/s"),
         ({"ego.length_m": 4.0}, "which has its own vehicle types"),
         ({"crossing.length_m": 4.0}, "which has its own network"),
         ({"pedestrians.flow_per_hour": 100.0}, "sumo_driver passes people of the harness"),
         ({"arms.av": "exec:./driver"}, "a program drives one vehicle"),
-        (
-            {"pedestrians.flow_per_hour": 100.0, "arms.human": "human_yield"},
-            "the limit before :B1_c0",
-        ),
+        ({"pedestrians.flow_per_hour": 9.0, "arms.human": "human_yield"}, "limit before :B1_c0"),
         ({"pedestrians.first_at_trigger": True, "arms.human": "human_yield"}, "first_at_trigger"),
         ({"traffic.av_share": 1.0}, r"traffic.av_share: cannot be combined with \[simulation\]"),
-        ({"arms.av": "nobody"}, "unknown strategy"),
     ],
 )
 def test_what_does_not_fit_is_refused_before_anything_is_written(

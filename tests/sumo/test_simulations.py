@@ -22,34 +22,26 @@ from harness.simulation.setup import Setup
 from tests.towns import call, grid
 
 END_S = 200
-PEOPLE = {"walking_speed": {"mean_mps": 1.3, "std_mps": 0.2}, "kerb_wait_s": 2.0}
 
 
-def setup_at(
-    config: Path,
-    strategy: str = "gap_yield",
-    crosswalks: int | None = None,
-    human: str = "sumo_driver",
-    simulation: dict[str, Any] | None = None,
-    **more: Any,
-) -> Setup:
+def setup_at(config: Path, most: int = 99, av_share: float = 1.0, **more: Any) -> Setup:
     """All usable crosswalks of a configuration, or the first ones."""
     town = read_town(read_config(config, 0.1).net).crosswalks.values()
-    usable = [each.id for each in town if each.refused is None][:crosswalks]
+    usable = [each.id for each in town if each.refused is None][:most]
     tree: dict[str, Any] = {
-        "simulation": {"file": str(config), "crossings": usable, **(simulation or {})},
-        "arms": {"av": strategy, "human": human},
+        "simulation": {"file": str(config), "crossings": usable, "av_share": av_share},
+        "arms": {"av": "gap_yield", "human": "sumo_driver"},
         "ego": {"trigger_range_m": 50.0, "resume_acceleration_mps2": 1.5},
         **more,
     }
     return opened(validate(tree, "test"))
 
 
-def run(setup: Setup, folder: Path, arm: Arm = Arm.AV) -> dict[str, pd.DataFrame]:
-    """The tables of one arm, which succeeds."""
+def run(setup: Setup, folder: Path) -> dict[str, pd.DataFrame]:
+    """The tables of the AV's arm, which succeeds."""
     close_engine()
     model = load_model(setup.scenario.model.name, setup.scenario.model.path)
-    outcome = run_arm(setup, model, 0, arm, folder)
+    outcome = run_arm(setup, model, 0, Arm.AV, folder)
     assert outcome.reason is None, outcome.traceback or outcome.reason
     return {name: pd.DataFrame({**columns}) for name, columns in outcome.tables.items()}
 
@@ -59,17 +51,9 @@ def trips(file: Path) -> list[dict[str, str]]:
     return [trip.attrib for trip in ET.parse(file).getroot() if trip.tag == "tripinfo"]
 
 
-@pytest.fixture(scope="module")
-def everybody(tmp_path_factory: pytest.TempPathFactory) -> dict[str, pd.DataFrame]:
-    """The tables at share 1, counted from 50 s on."""
-    folder = tmp_path_factory.mktemp("everybody")
-    setup = setup_at(grid(folder / "town", END_S), simulation={"begin_s": 50.0})
-    return run(setup, folder / "arm")
-
-
 def test_nobody_driven_is_sumo_untouched(tmp_path: Path) -> None:
     """With a share of 0 tripinfo equals plain SUMO's; the vehicles' rows are its rows."""
-    setup = setup_at(grid(tmp_path / "town", END_S), simulation={"av_share": 0.0})
+    setup = setup_at(grid(tmp_path / "town", END_S), av_share=0.0)
     outcome = run(setup, tmp_path / "arm")
     # The configuration leads all outputs into its own folder.
     plain = tmp_path / "arm" / "plain.xml"
@@ -107,22 +91,20 @@ def test_outputs_are_in_the_arms_folder_and_nothing_is_beside_the_users_files(
     assert written == {CONFIG_FILE, TRIPS_FILE, "edges.xml", "lanes.xml", *[STATES_FILE][:keeps]}
 
 
-def test_everybody_driven(everybody: dict[str, pd.DataFrame]) -> None:
+def test_everybody_driven(tmp_path: Path) -> None:
     """At share 1 every passage over every crosswalk is driven, turning ones too; nobody collides.
 
     Every contact that SUMO reports is one of ours, or of a corner of SUMO's larger person.
     """
+    everybody = run(setup_at(grid(tmp_path / "town", END_S)), tmp_path / "arm")
     passed = everybody["passages"]
     assert len(passed) > 300
     assert passed["driven"].all()
     assert set(passed["manoeuvre"]) == {"straight", "left", "right"}
-    assert (passed["trigger_s"] >= 50.0).all()
     assert everybody["arms"]["vehicle_collisions"].item() == 0
     shares = [name for name in map(str, passed) if name.startswith("share_")]
     assert np.allclose(passed.loc[passed["steps"] > 0, shares].sum(axis=1), 1.0)
-    done = passed[passed["ended"] == "passed"]
-    assert (done["front_s"] < done["rear_s"]).all()
-    early = done[done["delay_s"] < -0.5]
+    early = passed[(passed["ended"] == "passed") & (passed["delay_s"] < -0.5)]
     assert early.empty, early[["vehicle", "connection", "trigger_s", "rear_s", "delay_s"]]
     missed = passed[passed["sumo_contact"] & passed["contact"].isna()]
     assert (missed["min_gap_m"] < 0.6).all()
@@ -132,56 +114,6 @@ def test_everybody_driven(everybody: dict[str, pd.DataFrame]) -> None:
     assert everybody["arms"]["people_left_out"].item() == 0
 
 
-def test_both_arms_have_the_same_avs(tmp_path: Path) -> None:
-    config = grid(tmp_path / "town", END_S)
-    setup = setup_at(config, crosswalks=3, simulation={"av_share": 0.4})
-    arms = [run(setup, tmp_path / arm, arm) for arm in Arm]
-    av, human = (each["vehicles"].set_index("vehicle")["automated"] for each in arms)
-    both = av.index.intersection(human.index)
-    assert (av[both] == human[both]).all()
-    # Four standard errors of a binomial share.
-    assert abs(av[both].mean() - 0.4) < 4 * np.sqrt(0.4 * 0.6 / len(both))
-    passed = arms[0]["passages"]
-    assert (passed["driven"] == passed["automated"]).all()
-    assert not arms[1]["passages"]["driven"].any()
-
-
-def test_a_passage_begun_before_the_counted_time(
-    everybody: dict[str, pd.DataFrame], tmp_path: Path
-) -> None:
-    """The counted passages are those of a longer count whose front passed R0 from then on."""
-    setup = setup_at(grid(tmp_path / "town", END_S), simulation={"begin_s": 100.0})
-    whole, part = everybody["passages"], run(setup, tmp_path / "arm")["passages"]
-    later = whole[whole["trigger_s"] >= 100.0].reset_index(drop=True)
-    assert 0 < len(later) < len(whole)
-    pd.testing.assert_frame_equal(later, part)
-    assert ((whole["trigger_s"] < 100.0) & (whole["rear_s"] > 100.0)).any()
-
-
-def test_people_of_the_harness(tmp_path: Path) -> None:
-    """They walk at their own speed from kerb to kerb; all vehicles are driven.
-
-    The reference asks the model on roads of 13.9 m/s, beyond its data of up to 8 m/s: it counts.
-    """
-    config = grid(tmp_path / "town", END_S)
-    people, share = {**PEOPLE, "flow_per_hour": 900.0}, {"av_share": 0.5}
-    setup = setup_at(config, crosswalks=1, human="human_gmm", simulation=share, pedestrians=people)
-    outcome = run(setup, tmp_path / "arm")
-    passed, everybody = outcome["passages"], outcome["people"]
-    assert passed["driven"].all()
-    assert set(passed["driver"]) == {"gap_yield", "human_gmm"}
-    assert outcome["arms"]["conditionings"].item() > outcome["arms"]["clamped"].item() > 0
-    own = everybody[everybody["own"]].set_index("person")
-    assert len(own) == len(setup.arrivals(0, next(iter(setup.crosswalks))))
-    (crosswalk,) = setup.crosswalks.values()
-    walked = own.dropna(subset=["cleared_s"])
-    assert len(walked) > 30
-    on_the_way = own["start_s"].notna() & own["cleared_s"].isna()
-    assert [*own.index[own["delay_s"].isna()]] == [*own.index[on_the_way]] != []
-    taken_s = walked["cleared_s"] - walked["start_s"]
-    assert np.allclose(taken_s, crosswalk.length_m / walked["speed_mps"])
-
-
 @pytest.mark.parametrize("strategy", ["gap_yield", "human_yield"])
 def test_nobody_is_hit_whom_a_stop_could_have_spared(strategy: str, tmp_path: Path) -> None:
     """People of the harness at crosswalks over which vehicles go straight on, left and right.
@@ -189,9 +121,9 @@ def test_nobody_is_hit_whom_a_stop_could_have_spared(strategy: str, tmp_path: Pa
     A driver who sees somebody step off far enough away to stop with 2 m/s² never hits them.  SUMO's
     own people do not keep to the line on which strategies expect them.
     """
-    config = grid(tmp_path / "town", END_S)
-    people = {**PEOPLE, "flow_per_hour": 1_000.0}
-    setup = setup_at(config, strategy, 7, "gap_yield", pedestrians=people)
+    people = {"flow_per_hour": 1000.0, "walking_speed": {"mean_mps": 1.3, "std_mps": 0.2}}
+    arms = {"av": strategy, "human": "gap_yield"}
+    setup = setup_at(grid(tmp_path / "town", END_S), 7, arms=arms, pedestrians=people)
     passed = run(setup, tmp_path / strategy)["passages"]
     assert passed["manoeuvre"].value_counts()[["straight", "left", "right"]].min() > 30
     hit = passed["contact_person"].str.startswith("own", na=False)

@@ -55,10 +55,8 @@ ORDER = (
 LEVELS = {name: n for n, names in enumerate(ORDER.split(" | ")) for name in names.split()}
 HEAVY = ("libsumo", "traci", "scipy", "pandas", "pyarrow", "matplotlib")
 SESSION, INTERFACES = "harness.engine.session", {"libsumo", "traci"}
-OF_SUMO = (
-    r'"(libsumo|traci|sumolib)"|[!=]= ":"|(with|prefix)\(["\']:|crosswalk-harness-|VehicleType\('
-    r"|width_m: float = \d"
-)
+OF_SUMO = r'"(libsumo|traci|sumolib)"|[!=]= ":"|(with|prefix)\(["\']:|crosswalk-harness-'
+OF_SUMO += r"|VehicleType\(|width_m: float = \d"
 """SUMO's interfaces, how ids inside junctions and names of its folders begin, and its defaults."""
 _SILENT = "COMMENT NL NEWLINE INDENT DEDENT ENDMARKER"
 SEALED = "CrossingPaths Evaluation Extraction GivenDensity HeldOut Normals RecordedPassage RowFile"
@@ -208,18 +206,13 @@ def test_one_module_knows_sumos_interfaces() -> None:
     assert reads == {"harness.engine.town_reader"}
 
 
-def words_of_sumo() -> set[str]:
-    """The names of SUMO's options, of its files' contents and of TraCI that are no usual words."""
-    texts = []
-    for package, files in (("eclipse-sumo", "sumo/data/xsd/**/*.xsd"), ("traci", "traci/*.py")):
-        folder = Path(str(metadata.distribution(package).locate_file("")))
-        texts += [file.read_text("utf-8") for file in folder.glob(files)]
-    names = re.findall(r'(?:name="|value="|def |=")([\w.-]+)', "".join(texts))
-    return {name for name in names if re.search(r"\w[.-]|[a-z][A-Z]|[A-Z]_", name)}
-
-
 def test_the_engine_alone_knows_the_words_of_sumo() -> None:
-    words = words_of_sumo()
+    """The names of SUMO's options, of its files' contents and of TraCI that are no usual words."""
+    packages = Path(str(metadata.distribution("eclipse-sumo").locate_file("")))
+    files = [*packages.glob("sumo/data/xsd/**/*.xsd"), *packages.glob("traci/*.py")]
+    text = "".join(file.read_text("utf-8") for file in files)
+    names = re.findall(r'(?:name="|value="|def |=")([\w.-]+)', text)
+    words = {name for name in names if re.search(r"\w[.-]|[a-z][A-Z]|[A-Z]_", name)}
     assert words >= {"net-file", "laneData", "vType", "getLeader", "DEFAULT_PEDTYPE"}
     for name in PATHS:
         if name.startswith("harness.engine.") or name == "harness.core.versions":

@@ -2,6 +2,7 @@
 
 import math
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -57,6 +58,13 @@ def turning(radius_m: float, sign: int = 1) -> FrontPath:
     return path([(-60.0, 0.0), (0.0, 0.0)], [*quarter, end], [end, (x, y + sign * 60.0)])
 
 
+def met(*of: Any) -> Zone:
+    """The zone of a body that touches the crosswalk."""
+    zone = zone_of(*of)
+    assert zone is not None
+    return zone
+
+
 def numbers(zone: Zone) -> list[float]:
     return [zone.first_m, zone.last_m, *covered(zone)]
 
@@ -79,8 +87,7 @@ def test_a_straight_road() -> None:
 
 
 def test_a_crosswalk_at_right_angles() -> None:
-    zone = zone_of(straight(), walk(2 - 3j, 2 + 6j), 5.0, 1.8)
-    assert zone is not None
+    zone = met(straight(), walk(2 - 3j, 2 + 6j), 5.0, 1.8)
     # 4 m wide, from x = 0 to 4; the near kerb is on the right, 3 m from the lane's centre.
     assert numbers(zone) == pytest.approx([0.0, 9.0, 2.1, 3.9], abs=1e-6)
     assert (zone.centre_m, zone.crossing.width_m) == pytest.approx((2.0, 4.0), abs=1e-6)
@@ -99,8 +106,7 @@ def test_a_corner_of_an_oblique_body_is_first_at_the_line_on_which_people_walk(
     """By half the width over the tangent of the angle, before the middle of the front is there."""
     angle = math.radians(degrees)
     half = 4.0 * complex(math.cos(angle), math.sin(angle))
-    zone = zone_of(straight(), walk(2 - half, 2 + half), 5.0, 1.8)
-    assert zone is not None
+    zone = met(straight(), walk(2 - half, 2 + half), 5.0, 1.8)
     assert zone.centre_m == pytest.approx(2.0 - 0.9 / abs(math.tan(angle)), abs=1e-5)
     # The near edge of the crosswalk and the place where the rear has left are as they are.
     assert zone.centre_m - zone.crossing.width_m / 2 == pytest.approx(zone.first_m)
@@ -110,8 +116,7 @@ def test_a_corner_of_an_oblique_body_is_first_at_the_line_on_which_people_walk(
 @pytest.mark.parametrize("left_hand", [False, True])
 def test_y_is_0_at_the_kerb_on_the_side_on_which_traffic_keeps(left_hand: bool) -> None:
     axis = (2 + 6j, 2 - 3j)  # from left to right
-    zone = zone_of(straight(), walk(*axis, left_hand=left_hand), 5.0, 1.8)
-    assert zone is not None
+    zone = met(straight(), walk(*axis, left_hand=left_hand), 5.0, 1.8)
     assert zone.reverse is not left_hand
     assert covered(zone)[0] == pytest.approx(5.1 if left_hand else 2.1, abs=1e-6)
     assert zone.y_of(zone.y_of(2.5)) == 2.5
@@ -122,8 +127,7 @@ def test_lanes_that_are_longer_than_they_are_drawn() -> None:
     road = straight(stretched=1.5)
     assert road.starts_m[0] == -90.0
     assert road.position(road.starts_m[2] + 15.0) == pytest.approx(18.0)
-    zone = zone_of(road, walk(2 - 3j, 2 + 6j), 5.0, 1.8)
-    assert zone is not None
+    zone = met(road, walk(2 - 3j, 2 + 6j), 5.0, 1.8)
     # The body is drawn 5 m long; the front goes 4 + 5 drawn metres.
     assert numbers(zone) == pytest.approx([0.0, 13.5, 2.1, 3.9], abs=1e-6)
 
@@ -137,8 +141,7 @@ def test_an_oblique_crosswalk(degrees: float, across: float, width: float, lengt
     """The overlap of two strips, of the road's body and of the crosswalk."""
     sin, cos = math.sin(math.radians(degrees)), abs(math.cos(math.radians(degrees)))
     direction = complex(math.cos(math.radians(degrees)), sin)
-    zone = zone_of(straight(), walk(4 - 20 * direction, 4 + 20 * direction, across), length, width)
-    assert zone is not None
+    zone = met(straight(), walk(4 - 20 * direction, 4 + 20 * direction, across), length, width)
     before_m = (across + width * cos) / 2 / sin
     half_m = (width + across * cos) / 2 / sin
     expected = [4 - before_m, 4 + before_m + length, 20 - half_m, 20 + half_m]
@@ -169,8 +172,7 @@ def test_a_crosswalk_at_the_exit_of_a_turn(sign: int) -> None:
     """The lane leaves the turn along x = R, so it covers R ± 0.9 m of a crosswalk there."""
     radius_m, length_m = 10.0, 5.0
     y = sign * 30.0
-    zone = zone_of(turning(radius_m, sign), walk(4 + 1j * y, 20 + 1j * y), length_m, 1.8)
-    assert zone is not None
+    zone = met(turning(radius_m, sign), walk(4 + 1j * y, 20 + 1j * y), length_m, 1.8)
     along_m = math.pi / 2 * radius_m + 20.0  # s of the crosswalk's centre line
     centre_m = 20 - radius_m if sign == 1 else radius_m - 4
     expected = [along_m - 2, along_m + 2 + length_m, centre_m - 0.9, centre_m + 0.9]
@@ -190,9 +192,7 @@ def test_properties_of_a_turn(
     at = share * radius
     start, end = complex(at, -12.0), complex(at + slant, 12.0)
     road = turning(radius, sign)
-    zone, wider = (zone_of(road, walk(start, end), length, each) for each in (width, width + 0.3))
-    assert zone is not None
-    assert wider is not None
+    zone, wider = (met(road, walk(start, end), length, each) for each in (width, width + 0.3))
     assert wider.first_m <= zone.first_m + 1e-9
     assert wider.last_m >= zone.last_m - 1e-9
     (from_m, to_m), (wider_from_m, wider_to_m) = covered(zone), covered(wider)
@@ -200,42 +200,9 @@ def test_properties_of_a_turn(
     assert wider_to_m >= to_m - 1e-3
     assert -1e-9 <= from_m < to_m <= zone.crossing.length_m + 1e-9
     mirrored = walk(start.conjugate(), end.conjugate(), left_hand=True)
-    other = zone_of(turning(radius, -sign), mirrored, length, width)
-    assert other is not None
+    other = met(turning(radius, -sign), mirrored, length, width)
     assert numbers(other) == pytest.approx(numbers(zone), abs=1e-6)
     assert other.crossing.lane_centre_m == pytest.approx(zone.crossing.lane_centre_m, abs=1e-6)
-
-
-@st.composite
-def bent_lanes(draw: st.DrawFn) -> FrontPath:
-    """Lanes with bends, each of another length than that of its shape."""
-    steps = st.tuples(st.floats(0.5, 20.0), st.floats(-1.0, 1.0))
-    at, lanes = (0.0, 0.0), []
-    for n in range(draw(st.integers(2, 5))):
-        shape = [at]
-        for along, slope in draw(st.lists(steps, min_size=1, max_size=4)):
-            at = (at[0] + along, at[1] + along * slope)
-            shape.append(at)
-        lanes.append(Lane(f"lane{n}", shape, drawn_m(shape) * draw(st.floats(0.5, 4.0)), 10.0, 3.2))
-    return FrontPath.along(lanes)
-
-
-@given(road=bent_lanes(), share=st.floats(0.0, 1.0))
-@settings(max_examples=80)
-def test_positions_on_lanes_and_on_the_path(road: FrontPath, share: float) -> None:
-    """A share of a lane's length is the same share of its shape, as SUMO has it."""
-    for n, (lane, (start_m, end_m)) in enumerate(
-        zip(road.lanes, pairwise(road.starts_m.tolist()), strict=True)
-    ):
-        s = start_m + share * (end_m - start_m)
-        inside = (road.knots_m > start_m + 1e-9) & (road.knots_m < end_m - 1e-9)
-        ends = road.position([start_m, end_m])
-        points = np.array([ends[0], *road.points[inside], ends[1]])
-        shape = shapely.LineString(np.column_stack([points.real, points.imag]))
-        expected = shape.interpolate(share, normalized=True)
-        assert road.position(s) == pytest.approx(complex(expected.x, expected.y), abs=1e-6)
-        assert lane.length_m == pytest.approx(end_m - start_m)
-        assert (s < 0.0) == (n == 0 and s != 0.0)
 
 
 @given(radius=st.floats(1.5, 4.0), at_m=st.floats(0.5, 6.0), length=st.floats(2.0, 12.0))
@@ -259,16 +226,13 @@ def test_a_crosswalk_that_is_touched_twice_or_hardly() -> None:
     there_and_back = path(
         [(-60.0, 0.0), (0.0, 0.0)], [(0, 0), (12, 0), (12, 6), (0, 6)], [(0.0, 6.0), (-60.0, 6.0)]
     )
-    twice = zone_of(there_and_back, walk(2 - 3j, 2 + 9j), 3.0, 1.8)
-    assert twice is not None
+    twice = met(there_and_back, walk(2 - 3j, 2 + 9j), 3.0, 1.8)
     assert twice.split
     from_m, to_m = covered(twice)
     assert from_m < 3.0 < 9.0 < to_m
     # The crosswalk's end lies 0.9 m beside the lane's centre: within the body, or not.
     assert zone_of(straight(), walk(2 + 0.91j, 2 + 9j), 5.0, 1.8) is None
-    narrow = zone_of(straight(), walk(2 + 0.89j, 2 + 9j), 5.0, 1.8)
-    assert narrow is not None
+    narrow = met(straight(), walk(2 + 0.89j, 2 + 9j), 5.0, 1.8)
     assert not narrow.split
-    hardly = zone_of(straight(), walk(2 + 0.89j, 2 + 9j, 0.3), 0.5, 1.8)
-    assert hardly is not None
+    hardly = met(straight(), walk(2 + 0.89j, 2 + 9j, 0.3), 0.5, 1.8)
     assert hardly.split  # 0.8 m take less than a step of 0.1 s at 13.9 m/s

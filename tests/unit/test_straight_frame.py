@@ -13,10 +13,9 @@ from hypothesis import given, settings, strategies as some
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
-from harness.core.vocabulary import Arm, Arrival, Ending, Leg, Side, Trace, Vehicle, Walk
+from harness.core.vocabulary import Arrival, Ending, Leg, Side, Trace, Vehicle, Walk
 from harness.measures import measure
 from harness.measures.ego import ego_positions
-from harness.simulation.arm import SimulatedArm
 from harness.simulation.cars import PASSED, Car, Meeting, Passage
 from harness.simulation.passages import free_pass_s, passages, strike_of
 from harness.simulation.walk import SumoPerson, Walked, moved
@@ -27,16 +26,14 @@ from harness.site.zone import zone_of
 STEP_S = 0.1
 CAR = Vehicle(10.0, 30.0, 30.0, 5.0, 1.8, 2.6, 4.5, 1.0)
 CONNECTION = Connection("a_0", (":J_0_0",), "b_0", "straight", False, shapely.LineString(), 10.0)
+NAMES = CONNECTION.from_lane, *CONNECTION.via, CONNECTION.to_lane
 
 
-def straight(limit: float = 10.0, inner: float = 10.0) -> FrontPath:
+def straight(inner_mps: float = 10.0) -> FrontPath:
     """A straight road to the east: 60 m, 8 m inside the junction, 60 m."""
-    lanes = [
-        Lane("a_0", [(-60, 0), (0, 0)], 60.0, limit, 3.2),
-        Lane(":J_0_0", [(0, 0), (8, 0)], 8.0, inner, 3.2),
-        Lane("b_0", [(8, 0), (68, 0)], 60.0, limit, 3.2),
-    ]
-    return FrontPath.along(lanes)
+    shapes = [(-60, 0), (0, 0)], [(0, 0), (8, 0)], [(8, 0), (68, 0)]
+    limits = [10.0, inner_mps, 10.0]
+    return FrontPath.along([*map(Lane, NAMES, shapes, [60.0, 8.0, 60.0], limits, [3.2] * 3)])
 
 
 def crosswalk() -> Crosswalk:
@@ -59,8 +56,7 @@ def turning(radius_m: float, degrees: float) -> FrontPath:
     far = arc[-1] + 60 * np.array([math.cos(angle[-1]), math.sin(angle[-1])])
     shapes = [(-60.0, 0.0), (0.0, 0.0)], [*map(tuple, arc.tolist())], [tuple(arc[-1]), tuple(far)]
     lengths = 60.0, radius_m * angle[-1], 60.0
-    names = CONNECTION.from_lane, *CONNECTION.via, CONNECTION.to_lane
-    return FrontPath.along([*map(Lane, names, shapes, lengths, [10.0] * 3, [3.2] * 3)])
+    return FrontPath.along([*map(Lane, NAMES, shapes, lengths, [10.0] * 3, [3.2] * 3)])
 
 
 def driven(path: FrontPath, walked: Crosswalk) -> Passage:
@@ -165,27 +161,6 @@ def test_who_stands_where_a_turning_vehicle_comes_back_is_hit() -> None:
     assert (row["contact"], row["contact_person"]) == ("front", "p")
 
 
-@pytest.mark.parametrize(
-    ("over_m", "speed_mps", "range_m", "offset_s"),
-    [(0.04, 0.0, 29.96, 0.0), (0.2, 1.0, 29.8, 0.0), (0.2, 5.0, 30.0, 0.04)],
-)
-def test_who_departs_just_behind_r0_begins_there(
-    over_m: float, speed_mps: float, range_m: float, offset_s: float
-) -> None:
-    """A vehicle that was at R0 within the last step has come from there; another has departed."""
-    each = passage(straight())
-    each.car.automated = False
-    each.car.odometer_m, each.car.speed_mps = each.at.centre_m - 30.0 + over_m, speed_mps
-    scenario, config = SimpleNamespace(ego=CAR), SimpleNamespace(ballistic=False)
-    setup = SimpleNamespace(scenario=scenario, config=config, own_people=False)
-    people = {each.at.crosswalk.id: SimpleNamespace(watched=0)}
-    arm: Any = SimpleNamespace(setup=setup, session=SimpleNamespace(step_s=STEP_S), people=people)
-    arm._begun, arm._arm, arm.passages = {}, Arm.AV, []
-    SimulatedArm._begin(arm, each, 20.0)
-    assert each.vehicle.trigger_range_m == pytest.approx(range_m)
-    assert each.trace_offset_s == pytest.approx(offset_s)
-
-
 def test_a_change_of_lane_within_r0() -> None:
     """The straight frame's body becomes that of the other lane's zone; v0 and R0 stay."""
     each = passage(straight())
@@ -198,7 +173,7 @@ def test_a_change_of_lane_within_r0() -> None:
 
 def test_free_passage_through_a_curve() -> None:
     """Brake from 10 to 5 m/s before the stop line, 8 m at 5 m/s, and speed up behind it."""
-    path = straight(inner=5.0)
+    path = straight(5.0)
     each = passage(path)
     braking_m, braking_s = (100 - 25) / (2 * 4.5), 5 / 4.5
     # R0 is 30 m before x = 4; the rear leaves when the front is at 4 + 2 + 5 = 11 m.

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.engine.traffic_files import Due, types_of
+from harness.engine.traffic_files import types_of
 from harness.scenario import Scenario, validate
 from harness.simulation.demand import vehicles_due
 
@@ -15,10 +15,6 @@ from harness.simulation.demand import vehicles_due
 def scenario_of(**traffic: Any) -> Scenario:
     tree = {"duration_s": 3600.0, "warm_up_s": 0.0, **traffic}
     return validate({"ego": {"initial_speed_mps": 8.0}, "traffic": tree}, "traffic.toml")
-
-
-def lane_of(scenario: Scenario, pair: int) -> list[Due]:
-    return [due for due in vehicles_due(scenario, pair) if (due.direction, due.lane) == (0, 0)]
 
 
 def test_the_least_headway_by_hand() -> None:
@@ -38,7 +34,8 @@ def test_a_grade_has_the_other_sign_for_oncoming_vehicles() -> None:
 def test_the_flow_is_the_one_asked_for_and_no_headway_is_too_short() -> None:
     """Without least headways counts would be Poisson: 4 standard deviations."""
     scenario = scenario_of(flow_per_hour=900.0)
-    hours = [lane_of(scenario, pair) for pair in range(20)]
+    every = ([*vehicles_due(scenario, pair)] for pair in range(20))
+    hours = [[due for due in each if not due.direction] for each in every]
     counts = np.array([len(vehicles) for vehicles in hours])
     assert abs(counts.mean() - 900) < 4 * math.sqrt(900 / 20)
     for vehicles in hours[:3]:
