@@ -113,8 +113,7 @@ class Actuator:
         whole = math.floor(vehicle.dead_time_s / step_s + ROUNDING)
         rest_s = vehicle.dead_time_s - whole * step_s
         self._rest_s = rest_s if rest_s > ROUNDING else 0.0
-        waiting = whole + (self._rest_s > 0)
-        self._waiting = deque(repeat(command_mps2, waiting))
+        self._waiting = deque(repeat(command_mps2, whole + (self._rest_s > 0)))
 
     def speed_after(self, command_mps2: float, speed_mps: float) -> float:
         """The speed at the end of the next step.

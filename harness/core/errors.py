@@ -26,7 +26,14 @@ _FRAMES = 20
 
 
 class HarnessError(Exception):
-    """Base class of every error that this package raises on purpose."""
+    """Base class of every error that this package raises on purpose.
+
+    Args:
+        message: what happened; it is put on one line.
+    """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(one_line(message))
 
 
 class Parameter(NamedTuple):
@@ -72,7 +79,7 @@ class InputError(HarnessError):
         self.allowed = allowed
         self.nearest = nearest
         hints = allowed and f"allowed: {allowed}", nearest and f"did you mean {nearest!r}?"
-        super().__init__(one_line("; ".join([f"{self.where}: {problem}", *filter(None, hints)])))
+        super().__init__("; ".join([f"{self.where}: {problem}", *filter(None, hints)]))
 
     def at(self, where: Place) -> Self:
         """The same error at another place."""
@@ -91,12 +98,12 @@ class StrategyError(HarnessError):
     """A strategy raised an exception, or returned a command that is not an acceleration.
 
     Args:
-        message: one line.
+        message: what happened; it is put on one line.
         cause: the strategy's exception; the traceback is kept without the harness's own frames.
     """
 
     def __init__(self, message: str, cause: BaseException | None = None) -> None:
-        super().__init__(one_line(message))
+        super().__init__(message)
         self.traceback: str | None = None
         if cause is not None and cause.__traceback__ is not None:
             # The first frame is the harness's call.
@@ -169,7 +176,7 @@ def one_line(text: str) -> str:
 
 def reason_of(error: Exception) -> str:
     """Why a file cannot be read or written: the system's word, or else the error's own."""
-    return getattr(error, "strerror", None) or one_line(str(error))
+    return getattr(error, "strerror", None) or str(error)
 
 
 def advised(function: str, folder: object) -> str:
@@ -215,14 +222,13 @@ def place_of(error: BaseException) -> str | None:
     Frames of the import machinery do not count.  The path of a file in the working directory is
     relative to it.
     """
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [(each.filename, each.lineno) for each in frames if "importlib" not in each.filename]
     if isinstance(error, SyntaxError) and error.filename:
-        file, line = error.filename, error.lineno
-    else:
-        frames = traceback.extract_tb(error.__traceback__)
-        own = [frame for frame in frames if "importlib" not in frame.filename]
-        if not own:
-            return None
-        file, line = own[-1].filename, own[-1].lineno
+        own.append((error.filename, error.lineno))
+    if not own:
+        return None
+    file, line = own[-1]
     path, here = Path(file), Path.cwd()
     return f"{path.relative_to(here) if path.is_relative_to(here) else file}:{line}"
 

@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 from urllib.parse import unquote
 
-from harness.core.errors import EngineError, InputError, one_line
+from harness.core.errors import EngineError, InputError
 from harness.core.freezing import Frozen
 from harness.core.vocabulary import ROUNDING
 from harness.engine.installation import run_program, scratch_folder
@@ -228,7 +228,7 @@ def elements_of(*files: Path) -> Iterator[ET.Element]:
                         included = os.path.normpath(file.parent / element.get("href", ""))
                         yield from elements_of(Path(included))
         except (OSError, ET.ParseError, EOFError, LookupError, ValueError, zlib.error) as error:
-            raise InputError(str(file), f"cannot be read as XML ({one_line(str(error))})") from None
+            raise InputError(str(file), f"cannot be read as XML ({error})") from None
 
 
 def defined_types(config: SumoConfig) -> Iterator[str]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory, gettempdir
 from typing import Literal
 
-from harness.core.errors import EngineError, InputError, one_line
+from harness.core.errors import EngineError, InputError
 
 Program = Literal["sumo", "sumo-gui", "netconvert"]
 
@@ -91,9 +91,9 @@ def run_program(name: Program, arguments: Sequence[str], folder: Path | None = N
             check=False,
         )
     except OSError as error:
-        raise EngineError(f"{name}: {one_line(str(error))}") from None
+        raise EngineError(f"{name}: {error}") from None
     if done.returncode:
         lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
         errors = [line.removeprefix("Error:").strip() for line in lines if line[:6] == "Error:"]
         how = f"exit code {done.returncode}" if done.returncode > 0 else "it crashed"
-        raise EngineError(f"{name}: {one_line((errors or lines or [how])[0])}")
+        raise EngineError(f"{name}: {(errors or lines or [how])[0]}")

@@ -8,7 +8,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_type_hints
 
-from harness.core.errors import EngineError, one_line
+from harness.core.errors import EngineError
 from harness.core.vocabulary import ROUNDING
 from harness.engine.ids import lane_of
 from harness.engine.installation import program_path, run_program
@@ -95,7 +95,7 @@ class Session:
         try:
             yield
         except self.lost as error:
-            raise EngineError(f"SUMO {what}: {one_line(str(error))}") from None
+            raise EngineError(f"SUMO {what}: {error}") from None
 
     def step(self) -> float:
         """See ``Running.step``."""
@@ -249,7 +249,7 @@ def _started(runs: Runs, command: Sequence[str]) -> Any:
         # A simulation that failed counts as loaded.
         with contextlib.suppress(api.TraCIException, api.FatalTraCIError):
             api.close()
-        why = _first_error(command) or one_line(str(error))
+        why = _first_error(command) or str(error)
         raise EngineError(f"SUMO did not start: {why}") from None
     return api
 

@@ -175,7 +175,8 @@ def _check_flow(flow_per_hour: float, lanes: int, scenario: Scenario, key: str) 
     most = lanes * SECONDS_PER_HOUR / scenario.least_headway_s()
     if flow_per_hour >= most and flow_per_hour > 0:
         problem = f"{flow_per_hour:g} vehicles per hour on {lanes} lanes"
-        allowed = f"below {most:.4g}: lanes × 3600 s / (tau_s + (length + min_gap_m)/v0)"
+        below = f"below {most:.4g}: lanes × 3600 s / (tau_s + (length + min_gap_m)/v0)"
+        allowed = below if lanes else "0, for there is no lane"
         raise InputError(key, problem, allowed)
 
 

@@ -98,6 +98,7 @@ BAD_SETTINGS = [
     # Vehicles of a simulation.
     ("traffic experiment.pairs=1000004", "experiment.pairs | 1,000,004 | at most 1,000,003"),
     ("traffic traffic.flow_per_hour=1900", "traffic.flow_per_hour | below 1895"),
+    ("traffic crossing.oncoming_lanes=0", "traffic.oncoming_per_hour | on 0 lanes; allowed: 0, "),
     ("traffic traffic.tau_s=0.05", "traffic.tau_s | 0.05 s | at least experiment.step_s"),
     # Strategies and their parameters.
     ("cctc arms.av=soft_yeild", "arms.av | 'soft_yeild' | did you mean 'soft_yield'"),

@@ -82,12 +82,8 @@ def car_of(track: Track, rules: ExtractionRules) -> Mover | None:
 
 def _mover(track: Track, shape: tuple[float, float, float], least_m: float) -> Mover | None:
     """The track with its path; None if the object stays near its first position."""
-    if travel_m(track.position_m) < least_m:
-        return None
-    path = build_path(track.position_m, *shape)
-    if path is None:
-        return None
-    return Mover(track, path, arc_of_records(path, track.position_m))
+    path = build_path(track.position_m, *shape) if travel_m(track.position_m) >= least_m else None
+    return None if path is None else Mover(track, path, arc_of_records(path, track.position_m))
 
 
 def _pair_rows(

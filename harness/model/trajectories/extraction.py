@@ -4,7 +4,7 @@ import json
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +13,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from harness.core.documents import as_plain, check_form
-from harness.core.errors import InputError, unknown_name
+from harness.core.errors import InputError, refused_at, unknown_name
 from harness.core.files import write_file
-from harness.core.freezing import frozen
 from harness.model.trajectories.encounters import candidate_rows
 from harness.model.trajectories.formats import FORMATS, File, Format
 from harness.model.trajectories.rules import (
     ROW_COLUMNS,
     TEXT_COLUMNS,
+    Counts,
     ExtractionRules,
     Tally,
     kept_rows,
@@ -46,11 +46,11 @@ class Extraction:
         rows: one row per encounter and sampling instant, with ``ROW_COLUMNS``, sorted by source
             path, clip, vehicle, pedestrian and time.  Missing values are null.  The frame belongs
             to whoever asked for it.
-        counts: numbers of used and excluded items, in a copy whose parts are read-only.
+        counts: numbers of used and excluded items.
     """
 
     rows: pd.DataFrame
-    counts: Tally
+    counts: Counts
 
 
 def extract(paths: Paths, format_: str, **options: Any) -> Extraction:
@@ -84,12 +84,11 @@ def extract(paths: Paths, format_: str, **options: Any) -> Extraction:
     types = {name: "str" if name in TEXT_COLUMNS else "float64" for name in ROW_COLUMNS}
     candidates = with_times(candidates.reindex(columns=list(ROW_COLUMNS)).astype(types))
     rows, seen = kept_rows(candidates, rules, tally), _groups(candidates, ENCOUNTER_KEY)
-    tally.rows, tally.pairs = len(rows), _groups(rows, ENCOUNTER_KEY)
-    tally.vehicles = _groups(rows, VEHICLE_KEY)
-    if tally.pairs is not None and seen is not None:
-        tally.drop("pairs", "no_row_kept", seen - tally.pairs)
-    final = {name: frozen(getattr(tally, name)) for name in ("dropped", "skipped", "notes")}
-    return Extraction(rows, replace(tally, **final))
+    pairs, vehicles = (_groups(rows, key) for key in (ENCOUNTER_KEY, VEHICLE_KEY))
+    if pairs is not None and seen is not None:
+        tally.drop("pairs", "no_row_kept", seen - pairs)
+    counts = Counts(**vars(tally), rows=len(rows), vehicles=vehicles, pairs=pairs)
+    return Extraction(rows, counts)
 
 
 def read_clips(paths: Paths, format_: str, tally: Tally, **options: Any) -> list[Clip]:
@@ -137,7 +136,8 @@ def _contents(
     if format_ not in FORMATS:
         raise unknown_name("format", "format", format_, FORMATS)
     known = FORMATS[format_]
-    rules = check_form(known.options, options, f"format {format_}")
+    with refused_at(f"format {format_}:"):
+        rules = check_form(known.options, options, f"format {format_}")
     given = [paths] if isinstance(paths, str | Path) else list(paths)
     if not given:
         raise InputError("paths", "no file or folder given", "at least one")

@@ -329,14 +329,12 @@ class Format(NamedTuple):
     """A data format.
 
     Attributes:
-        words: a description in one line.
         endings: how the names of its files end.
         options: its rules and further options.
         read: reads a file: a clip with tracks, or candidate rows.
         clips: whether it has tracks.
     """
 
-    words: str
     endings: tuple[str, ...]
     options: type[ExtractionRules]
     read: Callable[[File, Any, Tally], Clip | pd.DataFrame]
@@ -345,12 +343,8 @@ class Format(NamedTuple):
 
 FORMATS: Mapping[str, Format] = MappingProxyType(
     {
-        "vci": Format(
-            "fixed camera, DUT and sets like it", (VEHICLE_END,), VciOptions, vci_clip, clips=True
-        ),
-        "mobileye": Format("the paper's sensor", (".csv",), MobileyeOptions, mobileye_rows),
-        "table": Format(
-            "ready-made rows, csv or parquet", (".csv", ".parquet"), ExtractionRules, own_rows
-        ),
+        "vci": Format((VEHICLE_END,), VciOptions, vci_clip, clips=True),
+        "mobileye": Format((".csv",), MobileyeOptions, mobileye_rows),
+        "table": Format((".csv", ".parquet"), ExtractionRules, own_rows),
     }
 )

@@ -1,6 +1,6 @@
 """The rules of an extraction: which rows are kept, and the counts of what was left out."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import gt, lt
 from typing import Literal, Self
@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, model_validator
 
 from harness.core.documents import NonNegative, Positive
 from harness.core.errors import InputError
+from harness.core.freezing import Frozen
 
 ROW_COLUMNS = (
     "source", "clip", "vehicle", "pedestrian", "time_s", "range_m", "lateral_m",
@@ -100,14 +101,14 @@ class ExtractionRules(BaseModel):
     def _bounds_are_in_order(self) -> Self:
         for name in ("angle_deg", "range_m", "lateral_m"):
             low, high = f"min_{name}", f"max_{name}"
-            if getattr(self, low) > getattr(self, high):
-                raise InputError(low, f"{getattr(self, low)} is above {high}", f"at most {high}")
+            if getattr(self, low) > (most := getattr(self, high)):
+                raise InputError(low, f"{getattr(self, low):g}", f"at most {high} = {most:g}")
         return self
 
 
-@dataclass
-class Tally:
-    """The counts of an extraction; readers and rules write into it.
+@dataclass(frozen=True)
+class Counts(Frozen):
+    """The counts of an extraction.
 
     Attributes:
         clips: clips that were read.
@@ -121,10 +122,21 @@ class Tally:
         notes: what the files do not say and was assumed.
     """
 
+    clips: int
+    rows: int
+    vehicles: int | None
+    pairs: int | None
+    candidates: int
+    dropped: Mapping[Level, Mapping[str, int]]
+    skipped: Mapping[str, str]
+    notes: Sequence[str]
+
+
+@dataclass
+class Tally:
+    """Those ``Counts`` into which readers and rules write."""
+
     clips: int = 0
-    rows: int = 0
-    vehicles: int | None = None
-    pairs: int | None = None
     candidates: int = 0
     dropped: dict[Level, dict[str, int]] = field(
         default_factory=lambda: {
