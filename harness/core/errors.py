@@ -30,6 +30,9 @@ class HarnessError(Exception):
 
     Args:
         message: what happened; it is put on one line.
+
+    >>> str(EngineError("SUMO failed:\\n\\tno lane"))
+    'SUMO failed: no lane'
     """
 
     def __init__(self, message: str) -> None:

@@ -62,7 +62,6 @@ def test_extract_writes_rows_and_says_what_it_left_out(harness, rows):
     assert len(pd.read_parquet("r.parquet")) == 160
     _, out, _ = harness(*given)
     assert "160 rows, 40 encounters, 8 vehicles" in out
-    assert "pedestrian_speed_mps" in out
 
 
 def test_what_the_files_do_not_say_is_said(harness):

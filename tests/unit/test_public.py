@@ -16,7 +16,6 @@ from typer.main import get_command
 import harness
 from harness.cli import options
 from harness.cli.app import application
-from harness.core.errors import EngineError, StrategyError
 from harness.core.vocabulary import Arm
 from harness.measures import MEASURES, EpisodeRecord
 from harness.model.sample import WEIGHINGS
@@ -67,11 +66,6 @@ def test_an_argument_of_a_wrong_type_is_refused_in_one_line(name: str) -> None:
     for wrong in names.keys() - {"runs"}:
         line = rf"\A{wrong}: <object.* is not accepted; allowed: .*\Z"
         refuses(line, partial(getattr(harness, name), **{**known, wrong: object()}))
-
-
-def test_what_others_say_of_a_failure_is_on_one_line() -> None:
-    """SUMO's and strategies' texts become reasons in tables and lines of a terminal."""
-    assert {str(of("lost\n\tit")) for of in (EngineError, StrategyError)} == {"lost it"}
 
 
 def test_a_wrong_name_or_part_is_refused_with_the_nearest() -> None:
