@@ -142,13 +142,19 @@ class Seen(NamedTuple):
     Attributes:
         name: SUMO's id; a vehicle and a person may have the same.
         vehicle_type: the vehicle's vType; None: a person.
-        state: time in s, x, y, heading in rad (counter-clockwise from the network's x axis) and
-            speed in m/s.
+        time_s: the time at the step's end.
+        x_m, y_m: the place in the network.
+        heading_rad: counter-clockwise from the network's x axis.
+        speed_mps: the speed.
     """
 
     name: str
     vehicle_type: str | None
-    state: tuple[float, ...]
+    time_s: float
+    x_m: float
+    y_m: float
+    heading_rad: float
+    speed_mps: float
 
 
 def trips_in(arm: Path) -> Iterator[Trip]:
@@ -192,7 +198,7 @@ def seen_in(arm: Path, step_s: float, begin_s: float, end_s: float) -> Iterator[
             x, y, angle_deg, speed_mps = (float(of[key]) for key in ("x", "y", "angle", "speed"))
             # The copy of a type for a single vehicle is named type@vehicle.
             kind = of["type"].partition("@")[0] if each.tag == "vehicle" else None
-            yield Seen(of["id"], kind, (time_s, x, y, math.radians(90.0 - angle_deg), speed_mps))
+            yield Seen(of["id"], kind, time_s, x, y, math.radians(90.0 - angle_deg), speed_mps)
 
 
 def entering(config: SumoConfig, folder: Path) -> Counts:

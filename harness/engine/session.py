@@ -162,14 +162,13 @@ class Session:
 
     def limit_speed(self, road: Sequence[str], limit_mps: float) -> None:
         """Set the speed limit of a road's successive edges and of the lanes that connect them."""
-        api = self._api
-        counts = {edge: api.edge.getLaneNumber(edge) for edge in road}
+        counts = {edge: self._api.edge.getLaneNumber(edge) for edge in road}
         lanes = [lane_of(edge, number) for edge, count in counts.items() for number in range(count)]
         while lanes:
             lane = lanes.pop()
-            api.lane.setMaxSpeed(lane, limit_mps)
+            self._api.lane.setMaxSpeed(lane, limit_mps)
             # Inside a junction several lanes may follow one after another.
-            lanes += [inside for *_, inside, _, _, _ in api.lane.getLinks(lane) if inside]
+            lanes += [inside for *_, inside, _, _, _ in self._api.lane.getLinks(lane) if inside]
 
     def add_commanded(
         self, name: str, route: str, type_id: str, lane: int, position_m: float, speed_mps: float

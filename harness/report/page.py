@@ -232,8 +232,7 @@ def _notes(results: Sequence[Result]) -> list[str]:
     """All notes, the worst first; later results add none with a key of the first result."""
     said = {note.key for note in results[0].notes}
     more = (note for each in results[1:] for note in each.notes if note.key not in said)
-    ordered = sorted((*results[0].notes, *more), key=lambda note: note.rank)
-    return [note.text for note in ordered]
+    return [note.text for note in sorted((*results[0].notes, *more), key=lambda note: note.rank)]
 
 
 def _tables(results: Iterable[Result]) -> Iterator[_Table]:

@@ -63,8 +63,7 @@ class HumanGmm:
             return max(-limit_mps2, min(limit_mps2, initial_mps2))
         desired_mps = min(self._desired_speed(observation, pedestrian) for pedestrian in present)
         desired_mps = min(desired_mps, vehicle.initial_speed_mps)
-        wanted_mps2 = (desired_mps - ego.speed_mps) / self._interval_s
-        return vehicle.within_limits(wanted_mps2)
+        return vehicle.within_limits((desired_mps - ego.speed_mps) / self._interval_s)
 
     def _desired_speed(self, observation: Observation, pedestrian: PedestrianView) -> float:
         ego, walking_mps = observation.ego, pedestrian.speed_mps

@@ -145,8 +145,7 @@ def _coasting_mps(observation: Observation, until_arrival_s: float) -> float:
 def _gain_mps(observation: Observation, duration_s: float, speed_mps: float) -> float:
     """Speed gained in a time at a0, up to v0."""
     vehicle = observation.vehicle
-    wanted_mps = vehicle.resume_acceleration_mps2 * duration_s
-    return min(wanted_mps, vehicle.initial_speed_mps - speed_mps)
+    return min(vehicle.resume_acceleration_mps2 * duration_s, vehicle.initial_speed_mps - speed_mps)
 
 
 def _last_to_leave(pedestrians: tuple[PedestrianView, ...]) -> PedestrianView | None:

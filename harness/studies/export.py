@@ -33,6 +33,7 @@ from harness.core.vocabulary import (
 from harness.engine.arm_files import CONFIG_FILE, Seen, seen_in
 from harness.engine.configuration import read_config
 from harness.engine.network import network_of, opendrive
+from harness.engine.protocol import VehicleType
 from harness.engine.session import vehicle_types
 from harness.measures.motion.walking import cleared_s, states_at
 from harness.results.loaded_run import Run
@@ -70,6 +71,7 @@ class Entity(Frozen):
         appears_s: the time from which it is there, at its first place.
         leaves_s: the time from which it is gone; None if it stays.
         limits_mps2: a vehicle's greatest acceleration and deceleration.
+        max_speed_mps: a vehicle's greatest speed; 70 m/s (ours) if nothing else is known.
     """
 
     name: str
@@ -79,7 +81,8 @@ class Entity(Frozen):
     states: FloatArray
     appears_s: float = 0.0
     leaves_s: float | None = None
-    limits_mps2: Sequence[float] = ()
+    limits_mps2: tuple[float, float] | None = None
+    max_speed_mps: float = 70.0
 
     @property
     def axle_m(self) -> float:
@@ -287,32 +290,31 @@ def _passage(title: str, rows: pa.Table, ids: tuple[str, str], outputs: Path) ->
     found = defaultdict[tuple[bool, str], list[Seen]](list)
     for each in seen_in(outputs, config.step_s, begin_s, last_s):
         found[each.vehicle_type is not None, each.name].append(each)
-    sizes = vehicle_types(config.path)
-    ego, *others = (
-        _mover(found[key], sizes) for key in sorted(found, key=lambda key: key != (True, vehicle))
-    )
+    types = vehicle_types(config.path)
+    ego = _mover(found.pop((True, vehicle)), types)
+    others = [_mover(each, types) for each in found.values()]
     since_s, end_s = ego.states[0, 0], ego.states[-1, 0]
     near = [each for each in others if _distance_m(each, ego) < _NEAR_M]
     movers = [_between(each, since_s, end_s) for each in (replace(ego, name="ego"), *near)]
     return Exported(f"{title}, {vehicle} over {crosswalk}", config.net, movers, end_s - since_s)
 
 
-def _mover(seen: Sequence[Seen], sizes: Mapping[str, Sequence[float]]) -> Entity:
+def _mover(seen: Sequence[Seen], types: Mapping[str, VehicleType]) -> Entity:
     """Somebody in SUMO's output, by SUMO's time."""
-    (name, kind, _), states = seen[0], np.array([each.state for each in seen])
+    (name, kind, *_), states = seen[0], np.array([each[2:] for each in seen])
     if kind is None:
         return Entity(f"pedestrian-{name}", "pedestrian", _PERSON_M, _PERSON_M, states)
-    length_m, width_m, *limits = sizes[kind]
-    return Entity(f"vehicle-{name}", "vehicle", length_m, width_m, states, limits_mps2=limits)
+    length_m, width_m, gain_mps2, loss_mps2, most_mps = types[kind]
+    vehicle = Entity(f"vehicle-{name}", "vehicle", length_m, width_m, states)
+    return replace(vehicle, limits_mps2=(gain_mps2, loss_mps2), max_speed_mps=most_mps)
 
 
 def _distance_m(mover: Entity, ego: Entity) -> float:
     """The least distance of two movers."""
-    time_s, *places = mover.states[:, :3].T
-    away = (
-        of - np.interp(time_s, ego.states[:, 0], ego.states[:, k]) for k, of in enumerate(places, 1)
-    )
-    return float(np.hypot(*away).min())
+    time_s, x_m, y_m = mover.states[:, :3].T
+    ego_s, ego_x_m, ego_y_m = ego.states[:, :3].T
+    away_m = x_m + 1j * y_m - np.interp(time_s, ego_s, ego_x_m + 1j * ego_y_m)
+    return float(np.abs(away_m).min())
 
 
 def _between(mover: Entity, since_s: float, end_s: float) -> Entity:

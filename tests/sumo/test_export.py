@@ -175,9 +175,11 @@ def test_a_passage_of_a_simulation(town: Path, tmp_path: Path, kind: str) -> Non
     crosswalk = read_town(town.parent / "net.net.xml").crosswalks[row["crosswalk"]]
     # Corners of the bounding box; the clock begins with the first step within R0.
     begin_s = math.ceil(row["trigger_s"] * 10 - 1e-6) / 10
-    size = next(entity_of(back, "ego").iter("Dimensions"))
-    length_m, width_m = (float(size.get(key, "nan")) for key in ("length", "width"))
+    box, can = (next(entity_of(back, "ego").iter(tag)) for tag in ("Dimensions", "Performance"))
+    length_m, width_m = (float(box.get(key, "nan")) for key in ("length", "width"))
     assert (length_m, width_m) == ((12.0, 2.5) if kind == "truck" else (5.0, 1.8))
+    most = [float(can.get(f"max{of}", "nan")) for of in ("Acceleration", "Deceleration", "Speed")]
+    assert most == pytest.approx([1.3, 4.0, 130 / 3.6] if kind == "truck" else [2.6, 4.5, 200 / 3.6])
     at, h = front(back), back.states["ego"][:, 3]
     ahead, left = np.exp(1j * h), 0.5j * width_m * np.exp(1j * h)
     nose = at[:, 1] + 1j * at[:, 2]

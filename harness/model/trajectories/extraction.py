@@ -87,8 +87,7 @@ def extract(paths: Paths, format_: str, **options: Any) -> Extraction:
     pairs, vehicles = (_groups(rows, key) for key in (ENCOUNTER_KEY, VEHICLE_KEY))
     if pairs is not None and seen is not None:
         tally.drop("pairs", "no_row_kept", seen - pairs)
-    counts = Counts(**vars(tally), rows=len(rows), vehicles=vehicles, pairs=pairs)
-    return Extraction(rows, counts)
+    return Extraction(rows, Counts(**vars(tally), rows=len(rows), vehicles=vehicles, pairs=pairs))
 
 
 def read_clips(paths: Paths, format_: str, tally: Tally, **options: Any) -> list[Clip]:
