@@ -159,6 +159,7 @@ def _parsed(parse: Callable[[Any], Any], content: str | bytes) -> Any:
 
 
 def _check(value: Any, depth: int) -> None:
+    """Raise a ``ValueError`` if a parsed value is nested deeper, or has a part that is refused."""
     if not depth:
         raise ValueError(f"nested more than {MAX_DEPTH} levels deep")
     if isinstance(value, Mapping):

@@ -281,6 +281,7 @@ def checked(function: Callable[Asked, Answer]) -> Callable[Asked, Answer]:
 
 
 def _check(name: str, value: Any, annotation: Any) -> None:
+    """Raise an ``InputError`` if an argument is not what its annotation allows."""
     united = get_origin(annotation) in (Union, UnionType)
     names: list[str] = []
     for option in get_args(annotation) if united else [annotation]:

@@ -98,8 +98,11 @@ class Contact(StrEnum):
 class Vehicle:
     """What the ego is and can do, in m, m/s and m/s²; decelerations are positive numbers.
 
-    Its limits are those on this road.  A command acts after ``dead_time_s``; then the acceleration
-    follows it with the lag ``lag_s``, at most ``max_jerk_mps3`` per second (``[actuation]``).
+    ``initial_speed_mps`` is v0, its speed at R0 (``trigger_range_m``) before the crosswalk; its
+    driver sees pedestrians from ``detection_range_m`` on.  Its limits are those on this road.
+    Strategies return to v0 with ``resume_acceleration_mps2`` (a0).  A command acts after
+    ``dead_time_s``; then the acceleration follows it with the lag ``lag_s``, at most
+    ``max_jerk_mps3`` per second (``[actuation]``).
     """
 
     initial_speed_mps: float
@@ -362,8 +365,8 @@ class Trace(Frozen):
     or at the speed of the step's end (``euler``, SUMO's default).  ``ending`` is how the *engine*
     ended the episode: ``crossed``, ``timed_out`` or ``failed``; ``measures`` detects
     contacts afterwards.  A failed episode has a ``reason``, ``failed_in`` (what failed) and, if a
-    strategy raised an exception, its ``traceback``.  With ``[traffic]`` the trace begins
-    ``trace_offset_s``, less than a step, after the front bumper passed the trigger.  ``shown`` has
+    strategy raised an exception, its ``traceback``.  In simulations the trace begins
+    ``trace_offset_s``, at most a step, after the front bumper passed the trigger.  ``shown`` has
     the pedestrians that the strategy saw at each step; it is None if the strategy saw the ground
     truth.
     """

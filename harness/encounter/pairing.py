@@ -170,6 +170,7 @@ class PairRunner:
         )
 
     def _run_arm(self, arm: Arm, pair: int, people: "_People", begins: Begins) -> Trace:
+        """The trace of one arm; a failure of the strategy is part of it."""
         episode = self._episode(arm, people)
         try:
             strategy = make_strategy(

@@ -182,6 +182,7 @@ class ReactiveWalker(Walker):
         self.legs = [*(self.legs or ()), leg]
 
     def _must_stop(self, speed_mps: float, seen: SeenCar) -> bool:
+        """Whether a vehicle that keeps its speed would touch them if they walked on."""
         half_m = seen.vehicle.width_m / 2
         if seen.to_lane_m - self._progress_m <= half_m + PEDESTRIAN_RADIUS_M:
             return False

@@ -147,6 +147,7 @@ def read_config(path: Path, step_s: float | None = None) -> SumoConfig:
 
 
 def _options_of(path: Path) -> dict[str, str]:
+    """All options of a configuration as SUMO reads them, with absolute paths."""
     with scratch_folder() as folder:
         saved = Path(folder) / "saved.sumocfg"
         arguments = ["-c", str(path), "--save-configuration", str(saved)]

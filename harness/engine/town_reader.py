@@ -87,6 +87,7 @@ def _passing(net: Net, node: Node) -> Iterator[Connection]:
 
 
 def _crosswalk(edge: Edge, junction: Sequence[Connection], left_hand: bool) -> Crosswalk:
+    """The crosswalk of a crossing's edge, over the connections of its junction."""
     lane = edge.getLane(0)
     walked = lane.getIncomingConnections()
     ends = {each.getEdge().getID(): False for each in lane.getOutgoingLanes()}

@@ -138,6 +138,7 @@ def _attentive(trace: Trace, begin_s: float) -> Iterator[_Piece]:
 
 
 def _still_hit(chunk: Chunk, number: int, strike: Strike, drive: _Drive) -> bool:
+    """Whether another drive of the ego touches the pedestrian who was struck."""
     legs = chunk.legs
     legs_of_struck = np.flatnonzero(legs.walk == strike.walk)
     # If the pedestrian stepped off before the trace began, the drive begins with the trace.

@@ -91,6 +91,7 @@ def _values(entry: Measure, chunk: Chunk) -> list[Value]:
 
 
 def _record(chunk: Chunk, number: int, measures: dict[str, Any]) -> EpisodeRecord:
+    """The record of one episode of a chunk, with its measures."""
     trace, strike = chunk.traces[number], chunk.strikes[number]
     end_s = float(chunk.end_s[number])
     began, model_use = not math.isnan(end_s), trace.conditionings

@@ -275,6 +275,7 @@ def _failures(run: Run) -> Iterator[str]:
 
 
 def _facts(run: Run, result: Result) -> Iterator[tuple[str, str]]:
+    """Yield what a run was made of and with: name and value."""
     for name, value in result.facts.items():
         yield name, plain_text(value)
     for key in run.study.cells[0].varied:

@@ -236,6 +236,7 @@ def _over(axes: Sequence[Axes], scene: PictureSource, name: str) -> str:
 
 
 def _cells(axes: Sequence[Axes], scene: PictureSource) -> str:
+    """Draw the numbers of each cell with their intervals."""
     cells = scene.run.cells[:_MOST_CELLS]
     values = ([value for value in cell.varied.values() if value is not None] for cell in cells)
     names = [", ".join(map(plain_text, each)) for each in values]

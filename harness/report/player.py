@@ -139,6 +139,7 @@ def _scene(scenario: Scenario) -> JsonObject:
 
 
 def _episode(run: Run, pair: "ShownPair") -> JsonObject:
+    """One pair as the player needs it, with both arms."""
     table = read_cell(run.path, "episodes", pair.cell, run.manifest, pair.pair)
     records: dict[Arm, Row] = {Arm(row["arm"]): row for row in table.to_pylist()}
     cell = next(cell for cell in run.study.cells if cell.number == pair.cell)

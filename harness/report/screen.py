@@ -48,6 +48,7 @@ def print_result(result: Result, full: bool = False, console: Console | None = N
 
 
 def _parts(result: Result, full: bool, console: Console) -> Iterator[RenderableType]:
+    """Yield a screen from above to below."""
     head = " · ".join(printable(part) for part in (result.title, result.scope) if part)
     if head:
         yield Text(head, style="bold")

@@ -1,7 +1,7 @@
 """The folder of a run in; a ``Run`` with its tables, findings and results out.
 
-For example ``load_run("runs/cctc-1").episodes.groupby("arm")["delay_s"].mean()``.  The note of an
-unfinished run is made here, too.
+For example ``load_run("runs/cctc-1").episodes.groupby("arm")["delay_s"].mean()``.  The notes
+about a run as a whole are made here, too.
 """
 
 import shlex

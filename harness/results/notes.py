@@ -1,7 +1,8 @@
 """The findings of cells in; notes out, which say what a reader of the numbers has to know.
 
-Comparisons, risks, validations and fits have notes of their own, in ``studies``; ``loaded_run`` has
-the note of an unfinished run.  README.md and docs/simulations.md quote some notes.
+These are notes on cells.  Those on a run as a whole are made where it is read, and those on
+comparisons, risks, validations and fits where these are made.  README.md and docs/simulations.md
+quote some notes.
 
 To add a note, add a rule: it says a sentence about a cell from its findings and its scenario, or
 None.
@@ -122,6 +123,7 @@ def _selected(cell: CellFindings) -> Iterator[Said]:
 
 
 def _few_pairs(cell: CellFindings) -> Iterator[Said]:
+    """The numbers of the first screen whose intervals are unreliable or missing, and why."""
     pairs, doubted, few = cell["pairs"].count, dict[int, list[Entry]](), list[int]()
     sampled = not any(_repeated(cell))
     for entry in on_first_screen(cell):

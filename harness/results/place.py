@@ -79,6 +79,7 @@ def _vehicles(scenario: Scenario) -> str:
 
 
 def _people(scenario: Scenario) -> str:
+    """Who walks, and since when."""
     people = scenario.pedestrians
     if scenario.simulation is not None and not people.anyone_comes:
         return "SUMO's people"

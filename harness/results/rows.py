@@ -105,6 +105,7 @@ def _pedestrian(walk: Walk, crossing: Crossing, end_s: float) -> Row:
 
 
 def _motions(outcome: Outcome) -> Iterator[tuple[str, StateColumns]]:
+    """Yield each object of an episode's record with its states at the steps."""
     trace, record = outcome.trace, outcome.record
     if record.end_s is None or record.steps is None:
         return  # the episode failed before its first state

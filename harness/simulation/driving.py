@@ -1,4 +1,4 @@
-"""The driven and turning vehicles of a simulation in; the speeds that SUMO is given out.
+"""The driven vehicles of a simulation in; the speeds that SUMO is given out.
 
 The lowest of three speeds applies: the strategy's, that of lanes and curves ahead, and SUMO's for
 leaders and junctions.  ``LIMITED_BY`` names what limited a step; each driven step is counted.  SUMO

@@ -138,6 +138,7 @@ def chosen(town: Town, name: str, where: Place) -> Crosswalk:
 
 
 def _check_limits(crosswalk: Crosswalk, range_m: float, model: InteractionModel | None) -> None:
+    """Refuse limits from which nobody stops within R0, or which are outside the model's data."""
     limits_mps, name = crosswalk.limits_mps, crosswalk.id
     fastest_mps = limits_mps[-1]
     if fastest_mps > MAX_SPEED_MPS:

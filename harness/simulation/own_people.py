@@ -37,6 +37,11 @@ class OwnPeople:
         choose_speed: their walking speeds.
         cars: the vehicles on their ways over crosswalks.
         refresh: reads the state of a vehicle that has begun no passage.
+
+    Attributes:
+        arrivals: everybody who will come, in the order of their arrival.
+        crowd: those who have come, with their decisions and walks.
+        moved: the indices of those whom SUMO has.
     """
 
     def __init__(
@@ -65,7 +70,6 @@ class OwnPeople:
         rules = replace(constants, vehicle=setup.vehicle(CAR), crossing=self._road)
         self.crowd = Crowd(self.arrivals, lanes, choose_speed, rules, self._leave)
         self.moved: set[int] = set()
-        """Those whom SUMO has."""
 
     def name_of(self, index: int) -> str:
         """SUMO's id of one of them."""

@@ -75,6 +75,7 @@ def passages(
 def _row(
     passage: Passage, trace: Trace, record: EpisodeRecord, names: Mapping[int, str], free_s: float
 ) -> SimulatedRow:
+    """The row of a passage, with its measures."""
     car, begin_s, driven = passage.car, passage.begin_s, sum(passage.limited)
     edge_m = -trace.crossing.width_m / 2
     # A vehicle that came onto the road beyond the edge never reached it.

@@ -43,6 +43,7 @@ def load_program(name: str, where: Place) -> StrategyFactory:
 
 @lru_cache
 def _program_below(here: Path, name: str, where: Place) -> StrategyFactory:
+    """The strategy of a program below a folder; the same command is one class."""
     allowed = "exec:./PROGRAM ARGUMENTS, a program below the working directory"
     try:
         words = shlex.split(name.removeprefix(PROGRAM))

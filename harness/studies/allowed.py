@@ -113,6 +113,7 @@ def _judged(
     limits: tuple[float, float],
     confidence: float,
 ) -> tuple[Judged, ...]:
+    """The verdict on each value of a swept parameter, in the order of the values."""
     level, rows = 1 - (1 - confidence) / len(swept), []
     for each, value in zip(swept, values, strict=True):
         sample = each.sample(each.cell["pairs"].count)

@@ -152,6 +152,7 @@ def _least(by: str) -> float:
 
 
 def _result(run: Run, rows: "pd.DataFrame", among: int, by: str, arm: Arm) -> Result:
+    """What ``harness worst`` shows of the chosen rows."""
     several, unit = len(run.study.cells) > 1, {each.column: each.unit for each in MEASURES}[by]
     keys = {"cell": "cell", **{key: key.rpartition(".")[2] for key in run.study.varied_keys}}
     headings = {

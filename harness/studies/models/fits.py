@@ -300,6 +300,7 @@ def _joined(scores: Sequence[Mapping[str, HeldOut]]) -> Mapping[str, HeldOut]:
 def _choose(
     candidates: Sequence[FitOfK], settings: FitSettings, warnings: list[str]
 ) -> tuple[FitOfK, str]:
+    """The candidate that the settings choose, and by which rule; ``warnings`` may grow."""
     by_k = {candidate.components: candidate for candidate in candidates}
     if len(by_k) == 1:
         return candidates[0], "given"

@@ -176,6 +176,7 @@ class _Record:
         return _Crosser(walker, on_car_m, side)
 
     def _passage(self, group: Sequence[_Crosser]) -> RecordedPassage | str:
+        """A passage with those who cross its path together, or why it is left out."""
         track, arcs = self.clip.vehicles[self.key], np.array([each.arc_m for each in group])
         origin_m = float(np.median(arcs))
         width_m = max(LEAST_WIDTH_M, round(float(np.ptp(arcs)), 9))

@@ -164,6 +164,7 @@ def _result(
     passages: Sequence[RecordedPassage],
     known: Mapping[str, Plain],
 ) -> Result:
+    """What ``harness validate`` shows."""
     vehicles = len({passage.track for passage in passages})
     encounters = sum(len(passage.to_come) for passage in passages)
     facts = {**known, "passages": len(passages), "vehicles": vehicles, "encounters": encounters}

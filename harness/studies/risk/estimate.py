@@ -98,6 +98,7 @@ class _Drawing:
     def _outcomes(
         self, drawn: Sequence[DrawInputs], measured: Sequence[Outcome]
     ) -> Iterator[DrawOutcome]:
+        """Yield what each draw's episode came to; scores are of whom it asks for alone."""
         before = self.space.before
         traces = []
         for at, each in zip(drawn, measured, strict=True):
@@ -205,6 +206,7 @@ def resume_risk(
     with runs.at_work(path, study, workers, executor, MOST_DRAWS) as (folder, chosen):
 
         def draw(proposal: Proposal, round_: int, count: int) -> Units:
+            """The units of a round: those of finished parts are read, the others simulated."""
             drawn, tasks, size = dict[int, pa.Table](), list[Task](), part_pairs(count)
             own, cells = _Drawing(space, event, proposal), (Cell(round_, {}, scenario, valid=True),)
             for first in range(0, count, size):

@@ -1,1 +1,1 @@
-"""The way of a run: its tasks, the workers that do them, its folder, one pair again."""
+"""The way of a run: its tasks, the workers that do them, its folder, its pairs again."""

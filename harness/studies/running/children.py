@@ -119,6 +119,7 @@ class Child:
         return found
 
     def _wait(self, limit_s: float) -> None:
+        """Wait for an answer; raise ``LostError`` if the child neither answers nor moves on."""
         last, since = b"", time.monotonic()
         while not self._connection.poll(min(limit_s / 10, 1.0)):
             # What it has started may keep the pipe open.

@@ -73,6 +73,7 @@ def run_episodes(
 
 
 def _simulated(task: Task, runners: Sequence[Runner], tell: Tell) -> TaskRows:
+    """The rows of a task's episodes; equal arms of several cells are simulated once."""
     parts: dict[int, list[Tables]] = {cell.number: [] for cell in task.cells}
     events: list[Row] = []
     for begin in range(0, task.count, CHUNK_PAIRS):
@@ -118,6 +119,8 @@ def _outcomes(
     known: Mapping[ArmOfPair, Outcome],
     tell: Tell,
 ) -> list[Outcome]:
+    """The outcomes of pairs of one cell; what begins is told before it runs."""
+
     def begins(pair: int, arm: Arm, episode: Episode) -> None:
         tell(EpisodeId(cell, pair, arm), episode.x_m)
 

@@ -70,6 +70,7 @@ def simulate_task(
     events: list[Row] = []
 
     def outcome_of(cell: Cell, arm: Arm, setup: Callable[[], Setup], arms: Path) -> ArmTables:
+        """One arm of the pair; equal arms of several cells are simulated once."""
         episode, key = EpisodeId(cell.number, pair, arm), _arm_key(cell.scenario, arm)
         if (failure := task.given_up.get(episode)) is not None:
             return ArmTables(pair, arm, {}, failure.reason, failure.failed_in)
