@@ -101,7 +101,7 @@ def central(config: Path, count: int) -> Setup:
         "ego": {"trigger_range_m": 50.0},
         "arms": {"av": "gap_yield", "human": "sumo_driver"},
     }
-    return opened(validate(tree, "benchmark"))
+    return opened(validate(tree, "benchmark"), load_model("dut"))
 
 
 def used_s() -> float:
@@ -113,10 +113,9 @@ def used_s() -> float:
 def arm_s(setup: Setup) -> tuple[float, int]:
     """The processor time of an arm, and the number of its passages."""
     close_engine()
-    model = load_model(setup.scenario.model.name, setup.scenario.model.path)
     with tempfile.TemporaryDirectory() as folder:
         begin_s = used_s()
-        outcome = run_arm(setup, model, 0, Arm.AV, Path(folder))
+        outcome = run_arm(setup, 0, Arm.AV, Path(folder))
         if outcome.reason is not None:
             raise RuntimeError(outcome.reason)
         return used_s() - begin_s, len(outcome.tables["passages"].get("vehicle", ()))

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Sequence
 from harness.core.vocabulary import Arm
 from harness.engine.ids import edge_of, is_inside_junction
 from harness.engine.protocol import Running
-from harness.simulation.cars import LOOK_S, SIGHT_M, Car, Link, Meeting, Passage
+from harness.simulation.cars import LOOK_S, SIGHT_M, Car, Facts, LanesAhead, Link, Meeting, Passage
 from harness.simulation.setup import Setup
 from harness.site.town import Connection, Crosswalk, Town
 from harness.site.zone import zone_of
@@ -68,22 +68,22 @@ class Approaches:
         """A vehicle that has been found."""
         kind, factor = self._session.built(name), self._vehicles.speed_factor(name)
         vehicle, type_id = self._setup.vehicle(kind, driver), self._vehicles.type(name)
-        return Car(name, type_id, automated, vehicle, factor, kind.max_speed_mps)
+        return Car(name, Facts(type_id, automated, vehicle, factor, kind.max_speed_mps))
 
     def coming(self, car: Car) -> list[Passage] | None:
         """The passages ahead of a vehicle; None if it is on the same lane, or in a junction.
 
         Its limits and connections ahead are those from now on.
         """
-        lane, town, body = self._vehicles.lane(car.name), self._setup.town, car.vehicle
+        lane, town, body = self._vehicles.lane(car.name), self._setup.town, car.facts.vehicle
         if lane == car.lane:
             return None
         car.lane = lane
         if is_inside_junction(lane) or not lane:
             return None
-        self._look_ahead(car, car.odometer_m - self._vehicles.lane_position_m(car.name))
+        car.ahead = self._ahead(car, car.odometer_m - self._vehicles.lane_position_m(car.name))
         found = []
-        for link in car.links:
+        for link in car.ahead.links:
             for crosswalk in self._over.get(link.connection, ()):
                 path = town.path(link.connection)
                 zone = zone_of(path, crosswalk, body.length_m, body.width_m)
@@ -92,10 +92,10 @@ class Approaches:
                     found.append(Passage(car, at, body))
         return found
 
-    def _look_ahead(self, car: Car, at_m: float) -> None:
-        """Find the limits and connections ahead of a vehicle whose lane began at ``at_m``."""
+    def _ahead(self, car: Car, at_m: float) -> LanesAhead:
+        """The limits and connections ahead of a vehicle whose lane began at ``at_m``."""
         town, last = self._setup.town, ""
-        car.limits, car.links = [], []
+        limits, links = list[tuple[float, float]](), list[Link]()
         until_m = at_m + town.lanes[car.lane].length_m
         for name in self._session.lanes_ahead(car.name, car.lane):
             lanes: tuple[str, ...] = (name,)
@@ -104,13 +104,13 @@ class Approaches:
                 if way is None or at_m > until_m + self._reach_m:
                     break
                 inside_m = sum(town.lanes[each].length_m for each in way.via)
-                car.links.append(Link(at_m, at_m + inside_m, way, self._yields(way)))
+                links.append(Link(at_m, at_m + inside_m, way, self._yields(way)))
                 lanes = (*way.via, name)
             for each in lanes:
-                car.limits.append((at_m, car.limit_mps(town.lanes[each].limit_mps)))
+                limits.append((at_m, car.facts.limit_mps(town.lanes[each].limit_mps)))
                 at_m += town.lanes[each].length_m
             last = name
-        car.least_mps = min(limit for _, limit in car.limits)
+        return LanesAhead(tuple(limits), min(limit for _, limit in limits), tuple(links))
 
     def _yields(self, way: Connection) -> bool:
         """Whether SUMO keeps the right of way on a connection.

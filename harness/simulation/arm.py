@@ -11,7 +11,6 @@ from harness.encounter.arms import uses_of
 from harness.encounter.driver import Driver
 from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.engine.protocol import Running
-from harness.model.interaction import InteractionModel
 from harness.simulation.approaches import Approaches
 from harness.simulation.cars import PASSED, Car, Passage
 from harness.simulation.driving import Control
@@ -40,7 +39,6 @@ class SimulatedArm:
         session: SUMO, running the arm's configuration.
         pair: index of the pair.
         arm: which arm.
-        model: the interaction model.
 
     Attributes:
         people: everybody at each chosen crosswalk.
@@ -50,18 +48,16 @@ class SimulatedArm:
         times_s: the time at the end of every step so far.
     """
 
-    def __init__(
-        self, setup: Setup, session: Running, pair: int, arm: Arm, model: InteractionModel
-    ) -> None:
+    def __init__(self, setup: Setup, session: Running, pair: int, arm: Arm) -> None:
         self.setup, self.session, self._vehicles = setup, session, session.vehicles
-        self._pair, self._arm, self._model = pair, arm, model
+        self._pair, self._arm = pair, arm
         self.passages: list[Passage] = []
         self.uses: list[ModelUse] = []
         self.times_s = array("d")
         self._cars: dict[str, Car] = {}
         self._begun: dict[str, Car] = {}
         self._due: dict[int, list[Car]] = defaultdict(list)
-        self._speeds = WalkingSpeeds(setup.scenario, model)
+        self._speeds = WalkingSpeeds(setup.scenario, setup.model)
         self.people = {name: self._people_at(each) for name, each in setup.crosswalks.items()}
         self._owns = [each.own for each in self.people.values() if each.own is not None]
         self._sensors = {driver: sensor_of(setup.scenario, driver) for driver in Arm}
@@ -138,12 +134,12 @@ class SimulatedArm:
         odometer, speed, lane = vehicles.odometer_m, vehicles.speed_mps, vehicles.lane
         step_s, check, due = self.session.step_s, self._control.check, list[Car]()
         for name, car in self._begun.items():
-            before_mps = car.speed_mps
-            car.note(odometer(name), speed(name))
-            car.acceleration_mps2 = (car.speed_mps - before_mps) / step_s
-            if car.asked_mps is not None:
-                check(car, car.asked_mps, before_mps)
-            if car.odometer_m >= car.next_m or lane(name) != car.lane:
+            before_mps, odometer_m, speed_mps = car.speed_mps, odometer(name), speed(name)
+            car.note(odometer_m, speed_mps)
+            car.acceleration_mps2 = (speed_mps - before_mps) / step_s
+            if car.driven is not None:
+                check(car, car.driven, before_mps)
+            if odometer_m >= car.next_m or lane(name) != car.lane:
                 due.append(car)
         return due
 
@@ -194,7 +190,7 @@ class SimulatedArm:
 
     def _look_later(self, car: Car) -> None:
         """Look again when a vehicle may begin its next passage, but within a second."""
-        step_m = max(car.max_mps, 1.0) * self.session.step_s
+        step_m = max(car.facts.max_mps, 1.0) * self.session.step_s
         steps = min(int((car.next_m - car.odometer_m) / step_m), self._approaches.every)
         self._due[len(self.times_s) + max(1, steps)].append(car)
 
@@ -222,11 +218,11 @@ class SimulatedArm:
         if car.name not in self._begun:
             self._begun[car.name] = car
             car.note(car.odometer_m, car.speed_mps)
-        driver = self._arm if car.automated else Arm.HUMAN
+        driver = self._arm if car.facts.automated else Arm.HUMAN
         range_m = setup.scenario.ego.trigger_range_m
         x_m = car.odometer_m - passage.at.centre_m
         over_m = max(0.0, x_m + range_m)
-        reach_m = (car.speed_mps + car.vehicle.max_deceleration_mps2 * step_s) * step_s
+        reach_m = (car.speed_mps + car.facts.vehicle.max_deceleration_mps2 * step_s) * step_s
         within = car.speed_mps > 0 and over_m <= reach_m  # it may have departed here
         passage.begin(time_s, range_m if within else max(-x_m, LEAST_RANGE_M))
         if over_m > ROUNDING and within:
@@ -234,12 +230,12 @@ class SimulatedArm:
             gain = car.acceleration_mps2 if setup.config.ballistic else 0.0
             root = math.sqrt(max(0.0, car.speed_mps**2 - 2 * gain * over_m))
             passage.trace_offset_s = min(2 * over_m / (car.speed_mps + root), step_s)
-        if not (car.automated or setup.own_people):
+        if not (car.facts.automated or setup.own_people):
             passage.not_driven = "it is no AV"
         elif x_m >= -passage.crossing.width_m / 2:
             passage.not_driven = "it came onto the road on the crosswalk"
         else:
-            passage.strategy = setup.strategy(driver, self._pair, car.name, self._model)
+            passage.strategy = setup.strategy(driver, self._pair, car.name)
             if passage.strategy is None:
                 passage.not_driven = "SUMO drives in this arm"
             else:

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Siz
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ from harness.core.vocabulary import Arm, FailedIn, StepMotion, ignore
 from harness.engine.arm_files import Trip, trips_in, write_config
 from harness.engine.session import Runs, Session
 from harness.engine.sources import CROSSWALK
-from harness.model.interaction import InteractionModel
 from harness.simulation.arm import SimulatedArm
 from harness.simulation.passages import SimulatedRow, passages
 from harness.simulation.setup import Setup
@@ -49,34 +47,31 @@ class ArmTables(Frozen):
 
 def run_arm(
     setup: Setup,
-    model: InteractionModel,
     pair: int,
     arm: Arm,
     folder: Path,
     *,
     keeps: bool = False,
-    runs: Runs = "here",
-    more: Mapping[str, str] = MappingProxyType({}),
+    window: Mapping[str, str] | None = None,
     begins: Callable[[Sized | None], None] = ignore,
 ) -> ArmTables:
     """Simulate one arm of a pair; if a strategy fails in one vehicle, the whole arm fails.
 
     Args:
         setup: what all arms of the cell share.
-        model: the interaction model.
         pair: index of the pair.
         arm: which arm.
         folder: the arm's folder, where its configuration and outputs lie.
         keeps: whether the configuration's own outputs are written there.
-        runs: where SUMO runs.
-        more: further options of SUMO.
+        window: options of sumo-gui, in whose window it runs; None: without one.
         begins: receives what grows with every step when the first step is about to begin, and None
             after the last one.
     """
     try:
-        config = write_config(setup.config, folder, setup.seed(pair), more, keeps=keeps)
+        config = write_config(setup.config, folder, setup.seed(pair), window or {}, keeps=keeps)
+        runs: Runs = "here" if window is None else "window"
         with closing(Session(config, runs=runs)) as session, session.watched("failed"):
-            running = SimulatedArm(setup, session, pair, arm, model)
+            running = SimulatedArm(setup, session, pair, arm)
             begins(running.times_s)
             running.run()
             begins(None)

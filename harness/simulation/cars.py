@@ -40,66 +40,108 @@ class Link(NamedTuple):
     yields: bool
 
 
+class LanesAhead(NamedTuple):
+    """What lies ahead of a vehicle; another one whenever it comes onto another road lane.
+
+    Attributes:
+        limits: (odometer, speed in m/s) where each lane ahead begins, for this vehicle.
+        least_mps: the lowest of the limits.
+        links: the connections ahead, by the odometer.
+    """
+
+    limits: tuple[tuple[float, float], ...] = ()
+    least_mps: float = math.inf
+    links: tuple[Link, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What a vehicle is: it stays as long as the vehicle exists.
+
+    Attributes:
+        type_id, automated: its vType; whether it is an AV, in either arm.
+        vehicle: its constants; v0 and R0 are those of each passage.
+        speed_factor, max_mps: its own factor of speed limits, and its type's largest speed.
+    """
+
+    type_id: str
+    automated: bool
+    vehicle: Vehicle
+    speed_factor: float
+    max_mps: float
+
+    def limit_mps(self, lane_mps: float) -> float:
+        """The vehicle's own limit on a lane with this speed limit."""
+        return min(self.max_mps, lane_mps * self.speed_factor)
+
+
+@dataclass(slots=True, eq=False)
+class CarRecord:
+    """What is noted of a vehicle at the end of every step of its passages.
+
+    Attributes:
+        odometers_m, speeds_mps: its states.
+        limited: the number of driven steps by what limited them (``LIMITED_BY``).
+        held_by: what made SUMO drive slower than commanded in the last driven step; None: nothing.
+    """
+
+    # Unlike lists, arrays take no time of the garbage collector.
+    odometers_m: "array[float]" = field(default_factory=lambda: array("d"))
+    speeds_mps: "array[float]" = field(default_factory=lambda: array("d"))
+    limited: list[int] = field(default_factory=lambda: [0] * len(LIMITED_BY))
+    held_by: int | None = None
+
+
+@dataclass(slots=True, eq=False)
+class Driven:
+    """How a vehicle is driven, from when a strategy takes it over until SUMO has it back.
+
+    Attributes:
+        actuator: passes commands on.
+        yields: whether SUMO keeps its duty to yield; None until that has been decided.
+        asked_mps: the command that SUMO has; NaN until the first.
+        limited_by: what decided the command.
+    """
+
+    actuator: Actuator
+    yields: bool | None = None
+    asked_mps: float = math.nan
+    limited_by: int = STRATEGY
+
+
 @dataclass(slots=True, eq=False)
 class Car:
     """A vehicle that is, or soon will be, on its way over a chosen crosswalk.
 
     Attributes:
         name: SUMO's id.
-        type_id, automated: its vType; whether it is an AV, in either arm.
-        vehicle: its constants; v0 and R0 are those of each passage.
-        speed_factor, max_mps: its own factor of speed limits, and its type's largest speed.
-        lane: the lane that it was last seen on.
+        facts: what does not change.
+        lane, ahead: the lane that it was last seen on, and what lies ahead of it from there.
         next_m: the odometer from which a passage begins or ends.
         odometer_m, speed_mps, acceleration_mps2: its state when it was last read: at the end of the
             last step, once it has begun a passage.
         passages: its passages that have not ended, in order.
-        limits: (odometer, speed in m/s) where each lane ahead begins, for this vehicle.
-        least_mps: the lowest of the limits.
-        links: the connections ahead, by the odometer.
-        yields: whether SUMO keeps its duty to yield while a strategy drives, else None.
-        asked_mps: the command that SUMO has; None: it drives.
-        odometers_m, speeds_mps: its states at the ends of all steps of its passages.
-        limited: the number of driven steps by what limited them (``LIMITED_BY``).
-        limited_by: what decided the command.
-        held_by: what made SUMO drive slower than commanded; None: nothing.
-        actuator: what passes commands on while a strategy drives, if the vehicle obeys late.
+        record: what has been noted of it.
+        driven: how it is driven; None: SUMO drives.
     """
 
     name: str
-    type_id: str
-    automated: bool
-    vehicle: Vehicle
-    speed_factor: float
-    max_mps: float
+    facts: Facts
     lane: str = ""
+    ahead: LanesAhead = field(default_factory=LanesAhead)
     next_m: float = -math.inf
     odometer_m: float = 0.0
     speed_mps: float = 0.0
     acceleration_mps2: float = 0.0
     passages: "list[Passage]" = field(default_factory=list)
-    limits: list[tuple[float, float]] = field(default_factory=list)
-    least_mps: float = math.inf
-    links: list[Link] = field(default_factory=list)
-    yields: bool | None = None
-    asked_mps: float | None = None
-    # Unlike lists, arrays take no time of the garbage collector.
-    odometers_m: "array[float]" = field(default_factory=lambda: array("d"))
-    speeds_mps: "array[float]" = field(default_factory=lambda: array("d"))
-    limited: list[int] = field(default_factory=lambda: [0] * len(LIMITED_BY))
-    limited_by: int = STRATEGY
-    held_by: int | None = None
-    actuator: Actuator | None = None
+    record: CarRecord = field(default_factory=CarRecord)
+    driven: Driven | None = None
 
     def note(self, odometer_m: float, speed_mps: float) -> None:
         """Note the state at the end of a step."""
-        self.odometer_m, self.speed_mps = odometer_m, speed_mps
-        self.odometers_m.append(odometer_m)
-        self.speeds_mps.append(speed_mps)
-
-    def limit_mps(self, lane_mps: float) -> float:
-        """The vehicle's own limit on a lane with this speed limit."""
-        return min(self.max_mps, lane_mps * self.speed_factor)
+        self.odometer_m, self.speed_mps, record = odometer_m, speed_mps, self.record
+        record.odometers_m.append(odometer_m)
+        record.speeds_mps.append(speed_mps)
 
 
 class Meeting(NamedTuple):
@@ -209,10 +251,11 @@ class Passage:
     def begin(self, time_s: float, range_m: float) -> None:
         """Begin with the last state and R0 = ``range_m``, at the limit before the junction."""
         self.begun, self.begin_s = True, time_s
-        self.first, self.limited = len(self.car.speeds_mps) - 1, tuple(self.car.limited)
+        facts, record = self.car.facts, self.car.record
+        self.first, self.limited = len(record.speeds_mps) - 1, tuple(record.limited)
         self.vehicle = replace(
-            self.car.vehicle,
-            initial_speed_mps=max(self.car.limit_mps(self.at.connection.limit_mps), _LEAST_MPS),
+            facts.vehicle,
+            initial_speed_mps=max(facts.limit_mps(self.at.connection.limit_mps), _LEAST_MPS),
             length_m=self.at.zone.body_m,
             width_m=self.at.zone.width_m,
             trigger_range_m=range_m,
@@ -220,13 +263,13 @@ class Passage:
 
     def end(self, why: str) -> None:
         """End with the car's last state."""
-        car, self.ended = self.car, why
-        self.xs_m = np.array(car.odometers_m[self.first :]) - self.at.centre_m
-        self.speeds_mps = np.array(car.speeds_mps[self.first :])
+        record, self.ended = self.car.record, why
+        self.xs_m = np.array(record.odometers_m[self.first :]) - self.at.centre_m
+        self.speeds_mps = np.array(record.speeds_mps[self.first :])
         if self.strategy is None:
             self.limited = (0,) * len(LIMITED_BY)
         else:
-            self.limited = np.subtract(car.limited, self.limited).tolist()
+            self.limited = np.subtract(record.limited, self.limited).tolist()
             self.fallback = bool(attribute_of(self.strategy, "fallback"))
             self.strategy = None
 

@@ -15,7 +15,7 @@ from harness.core.vocabulary import ACTUATOR, LANE, LEADER, RIGHT_OF_WAY, STRATE
 from harness.encounter.driver import Driver, answer_of
 from harness.engine.plain import slowing_mps
 from harness.engine.protocol import Running
-from harness.simulation.cars import Car, Passage
+from harness.simulation.cars import Car, Driven, Passage
 from harness.simulation.people_at import PeopleAt
 from harness.simulation.setup import Setup
 from harness.site.town import Crosswalk
@@ -37,30 +37,30 @@ class Control:
         self._session, self._vehicles = session, session.vehicles
         self._ballistic = setup.config.ballistic
         self._step_s, self._people = session.step_s, people
-        self._driven: dict[str, Car] = {}
+        self._driven: dict[str, tuple[Car, Driven]] = {}
 
     def update(self, car: Car) -> None:
         """Drive a vehicle, or give it back to SUMO, after its passages have changed."""
-        driven = [each for each in car.passages if each.strategy is not None]
-        if not driven:
+        passages, driven = [each for each in car.passages if each.strategy is not None], car.driven
+        if not passages:
             self.release(car)
             return
-        if car.actuator is None:
-            gain_mps2 = car.acceleration_mps2
-            kept_mps2 = car.vehicle.within_limits(gain_mps2)
-            car.actuator = Actuator(car.vehicle, self._step_s, car.speed_mps, gain_mps2, kept_mps2)
-        self._driven[car.name] = car
+        if driven is None:
+            vehicle, gain_mps2 = car.facts.vehicle, car.acceleration_mps2
+            obeyed = car.speed_mps, gain_mps2, vehicle.within_limits(gain_mps2)
+            car.driven = driven = Driven(Actuator(vehicle, self._step_s, *obeyed))
+            self._driven[car.name] = car, driven
         self._ignore(car)
-        end_m = max(each.at.last_m for each in driven)
-        ahead = (each for each in car.links if car.odometer_m < each.end_m)
+        end_m = max(each.at.last_m for each in passages)
+        ahead = (each for each in car.ahead.links if car.odometer_m < each.end_m)
         yields = any(each.yields and each.begin_m < end_m for each in ahead)
-        if yields != car.yields:
-            car.yields = yields
+        if yields != driven.yields:
+            driven.yields = yields
             self._session.let_yield(car.name, yields)
 
     def ignore_at(self, crosswalk: Crosswalk) -> None:
         """Let SUMO not mind those who are at a crosswalk now."""
-        for car in self._driven.values():
+        for car, _ in self._driven.values():
             if any(each.at.crosswalk is crosswalk for each in car.passages):
                 self._ignore(car)
 
@@ -73,13 +73,13 @@ class Control:
         """Give a vehicle back to SUMO."""
         if self._driven.pop(car.name, None) is None:
             return
-        car.yields = car.asked_mps = car.actuator = None
+        car.driven = None
         if exists:
             self._session.release(car.name)
 
     def command(self, now_s: float) -> None:
         """Let every strategy decide, and give SUMO the lowest command for each vehicle."""
-        for car in self._driven.values():
+        for car, driven in self._driven.values():
             lowest = math.inf
             for passage in car.passages:
                 strategy, driver = passage.strategy, passage.driven_by
@@ -90,51 +90,50 @@ class Control:
                         where = f"vehicle {car.name} at {passage.at.crosswalk.id}, {now_s:.3f} s"
                         raise error.at(where) from error
             wish_mps = max(0.0, car.speed_mps + lowest * self._step_s)
-            assert car.actuator is not None
-            target_mps = car.actuator.speed_after(lowest, car.speed_mps)
-            car.limited_by = STRATEGY if abs(target_mps - wish_mps) <= CUT_MPS else ACTUATOR
-            if target_mps > car.least_mps:
+            target_mps = driven.actuator.speed_after(lowest, car.speed_mps)
+            driven.limited_by = STRATEGY if abs(target_mps - wish_mps) <= CUT_MPS else ACTUATOR
+            if target_mps > car.ahead.least_mps:
                 cap_mps = self._cap_mps(car)
                 if cap_mps < target_mps - CUT_MPS:
-                    car.limited_by = LANE
+                    driven.limited_by = LANE
                 target_mps = min(target_mps, cap_mps)
             # SUMO keeps a command until the next one.
-            if car.asked_mps != target_mps:
-                car.asked_mps = target_mps
+            if driven.asked_mps != target_mps:
+                driven.asked_mps = target_mps
                 self._vehicles.set_speed(car.name, target_mps)
 
-    def check(self, car: Car, asked_mps: float, before_mps: float) -> None:
+    def check(self, car: Car, driven: Driven, before_mps: float) -> None:
         """Count what limited a step that has been read.
 
         Args:
             car: the vehicle.
-            asked_mps: what was commanded.
+            driven: what was commanded.
             before_mps: the speed before the step.
         """
-        limited_by = car.limited_by
-        if car.speed_mps < asked_mps - _ROUNDING_MPS:
+        record, limited_by = car.record, driven.limited_by
+        if car.speed_mps < driven.asked_mps - _ROUNDING_MPS:
             # What holds a standing vehicle is not asked for again.
-            if car.held_by is None or before_mps > _ROUNDING_MPS:
-                decel_mps2 = car.vehicle.max_deceleration_mps2
+            if record.held_by is None or before_mps > _ROUNDING_MPS:
+                decel_mps2 = car.facts.vehicle.max_deceleration_mps2
                 follows = self._session.follows(car.name, before_mps, decel_mps2)
-                car.held_by = LEADER if follows else RIGHT_OF_WAY
-            limited_by = car.held_by
+                record.held_by = LEADER if follows else RIGHT_OF_WAY
+            limited_by = record.held_by
         else:
-            car.held_by = None
-        car.limited[limited_by] += 1
+            record.held_by = None
+        record.limited[limited_by] += 1
 
     def _decision(self, passage: Passage, strategy: Strategy, driver: Driver) -> float:
         """The acceleration that a strategy commands."""
         car = passage.car
         range_m = passage.at.centre_m - car.odometer_m
-        time_s = (len(car.speeds_mps) - 1 - passage.first) * self._step_s
+        time_s = (len(car.record.speeds_mps) - 1 - passage.first) * self._step_s
         seen = driver.observe(time_s, range_m, car.speed_mps, car.acceleration_mps2)
         return driver.command(answer_of(strategy, seen), time_s)
 
     def _cap_mps(self, car: Car) -> float:
         """The highest speed at the step's end that lanes and curves allow."""
-        cap_mps, decel = math.inf, car.vehicle.max_deceleration_mps2
-        for at_m, limit_mps in car.limits:
+        cap_mps, decel = math.inf, car.facts.vehicle.max_deceleration_mps2
+        for at_m, limit_mps in car.ahead.limits:
             ahead_m = at_m - car.odometer_m
             if ahead_m <= 0.0:
                 cap_mps = limit_mps

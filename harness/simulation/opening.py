@@ -1,14 +1,17 @@
-"""A scenario's simulation is read and checked; what its arms share comes out."""
+"""A scenario's simulation is read, or drawn from ``[traffic]``; what its arms share comes out."""
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
+
 from harness.core.errors import InputError, Place, nearest_name, unknown_name
 from harness.core.files import read_file
-from harness.core.seeding import sumo_seed
+from harness.core.seeding import stream, sumo_seed
+from harness.core.vocabulary import ROUNDING, SECONDS_PER_HOUR
 from harness.encounter.arms import asks_model
 from harness.engine.configuration import (
     DEFAULT_SEED,
@@ -19,15 +22,19 @@ from harness.engine.configuration import (
 )
 from harness.engine.protocol import CAR
 from harness.engine.sources import CROSSWALK
-from harness.engine.traffic_files import types_of, write_traffic
+from harness.engine.traffic_files import Due, types_of, write_traffic
 from harness.model.interaction import InteractionModel, check_support
 from harness.scenario import Scenario
 from harness.scenario.consistency import check_perception
 from harness.scenario.sections import MAX_SPEED_MPS, SimulationSection
-from harness.simulation.demand import end_s, vehicles_due
 from harness.simulation.own_people import OWN_PREFIX
 from harness.simulation.setup import Setup
 from harness.site.town import Crosswalk, Town
+
+_LEAST_CLEARING_S = 900.0
+"""Time for the road to empty after the counted time, at least."""
+_SATURATED = 0.9
+"""In a saturated lane a vehicle is due after this share of the least headway: one always waits."""
 
 
 @lru_cache(1)
@@ -38,23 +45,26 @@ def _town(net: Path, _content: str) -> Town:
     return read_town(net)
 
 
-def opened_traffic(scenario: Scenario, pair: int, folder: Path) -> Setup:
+def opened_traffic(scenario: Scenario, model: InteractionModel, pair: int, folder: Path) -> Setup:
     """The simulation of a pair of ``[traffic]``, whose files are written into a folder."""
     traffic = scenario.known_traffic
+    counted_until_s = traffic.warm_up_s + traffic.duration_s
+    clearing_s = 0.0 if traffic.saturated else max(traffic.duration_s, _LEAST_CLEARING_S)
+    end_s = counted_until_s + clearing_s
     seed = sumo_seed(scenario.experiment.seed, DEFAULT_SEED, pair)
-    config = write_traffic(scenario, vehicles_due(scenario, pair), seed, end_s(traffic), folder)
+    config = write_traffic(scenario, vehicles_due(scenario, pair), seed, end_s, folder)
     simulation = SimulationSection(
         file=str(config.path),
         crossings=(CROSSWALK,),
         av_share=traffic.av_share,
         av_types=tuple(types_of(scenario)),
         begin_s=traffic.warm_up_s,
-        end_s=traffic.warm_up_s + traffic.duration_s,
+        end_s=counted_until_s,
     )
-    return _setup(scenario, config, simulation)
+    return _setup(scenario, model, config, simulation)
 
 
-def opened(scenario: Scenario) -> Setup:
+def opened(scenario: Scenario, model: InteractionModel) -> Setup:
     """The simulation of a scenario with ``[simulation]``.
 
     Raises:
@@ -63,14 +73,17 @@ def opened(scenario: Scenario) -> Setup:
     simulation = scenario.known_simulation
     config = read_config(Path(simulation.file), simulation.step_s)
     experiment = scenario.experiment.model_copy(update={"step_s": config.step_s})
-    return _setup(scenario.model_copy(update={"experiment": experiment}), config, simulation)
+    scenario = scenario.model_copy(update={"experiment": experiment})
+    return _setup(scenario, model, config, simulation)
 
 
-def _setup(scenario: Scenario, config: SumoConfig, simulation: SimulationSection) -> Setup:
+def _setup(
+    scenario: Scenario, model: InteractionModel, config: SumoConfig, simulation: SimulationSection
+) -> Setup:
     town, where = town_of(config), "simulation.crossings"
     crosswalks = {name: chosen(town, name, where) for name in simulation.crossings}
     begin_s, end_s = _counted_s(simulation, config)
-    return Setup(scenario, config, town, crosswalks, simulation, begin_s, end_s)
+    return Setup(scenario, model, config, town, crosswalks, simulation, begin_s, end_s)
 
 
 def town_of(config: SumoConfig) -> Town:
@@ -82,7 +95,7 @@ def town_of(config: SumoConfig) -> Town:
     return _town(config.net, _digest(config.net))
 
 
-def check(setup: Setup, model: InteractionModel) -> None:
+def check(setup: Setup) -> None:
     """Refuse keys of a scenario that do not fit its configuration and roads.
 
     Limits before the chosen crosswalks have to lie within the data of a model in use.
@@ -94,7 +107,7 @@ def check(setup: Setup, model: InteractionModel) -> None:
     check_perception(scenario)
     asks = asks_model(scenario) and not scenario.model.extrapolate
     for crosswalk in setup.crosswalks.values():
-        _check_limits(crosswalk, scenario.ego.trigger_range_m, model if asks else None)
+        _check_limits(crosswalk, scenario.ego.trigger_range_m, setup.model if asks else None)
     if scenario.pedestrians.anyone_comes:
         if config.end_s is None and setup.simulation.end_s is None:
             problem = "is not given, nor an end in the configuration: people would come for ever"
@@ -167,3 +180,45 @@ def _counted_s(simulation: SimulationSection, config: SumoConfig) -> tuple[float
             allowed = f"begin_s < end_s, within {first_s:g} to {last_s:g} s"
             raise InputError(f"simulation.{key}", f"{time_s:g} s", allowed)
     return begin_s, end_s
+
+
+def vehicles_due(scenario: Scenario, pair: int) -> Iterator[Due]:
+    """The vehicles of all lanes, lane by lane; in every cell the same if demand and road are.
+
+    The lanes of a direction share its flow equally.  Headways in a lane of flow q are shifted
+    exponential: at least h (the following headway at v0), and beyond h with the hazard 1/(1/q − h).
+    So the mean headway is 1/q.  Times are rounded up to steps.
+
+    Args:
+        scenario: a scenario with ``[traffic]``.
+        pair: index of the pair.
+    """
+    traffic, experiment = scenario.known_traffic, scenario.experiment
+    for direction, way in enumerate(("forward", "oncoming")):
+        lanes = len(scenario.crosswalk_from_lanes(oncoming=bool(direction)))
+        flow = traffic.oncoming_per_hour if direction else traffic.flow_per_hour
+        for lane in range(lanes):
+            due = _of_a_flow(scenario, (pair, direction, lane), flow / lanes / SECONDS_PER_HOUR)
+            if traffic.saturated:
+                apart_s = max(experiment.step_s, _SATURATED * scenario.least_headway_s())
+                times = np.arange(0.0, traffic.warm_up_s + traffic.duration_s, apart_s)
+                due = iter(times.tolist())
+            for number, time_s in enumerate(due):
+                yield Due(f"{way}-{lane}-{number}", direction, lane, time_s)
+
+
+def _of_a_flow(scenario: Scenario, key: tuple[int, ...], per_s: float) -> Iterator[float]:
+    """Time from the begin, in whole steps, of each vehicle of the lane with a stream's key."""
+    traffic, step_s = scenario.known_traffic, scenario.experiment.step_s
+    headway_s = scenario.least_headway_s()
+    hazard = per_s / (1 - per_s * headway_s)
+    time_s, earliest, last_s = 0.0, 0, traffic.warm_up_s + traffic.duration_s - ROUNDING
+    uniforms = stream(scenario.experiment.seed, "vehicle_arrival", *key).random
+    while per_s:
+        time_s -= math.log1p(-uniforms()) / hazard
+        step = max(earliest, math.ceil(time_s / step_s - ROUNDING))
+        if step * step_s >= last_s:
+            return
+        yield step * step_s
+        earliest = step + round(headway_s / step_s)
+        time_s += headway_s

@@ -91,7 +91,7 @@ class OwnPeople:
 
         def may_be_m(each: Passage) -> float:
             """x at which it may be by now: its last look is at most a second old."""
-            return each.x_m + each.car.max_mps * LOOK_S
+            return each.x_m + each.car.facts.max_mps * LOOK_S
 
         found, x_m = list[Passage](), -SIGHT_M
         for each in sorted(passages, key=may_be_m, reverse=True):

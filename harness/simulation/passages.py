@@ -88,10 +88,10 @@ def _row(
     return {
         "crosswalk": passage.at.crosswalk.id,
         "vehicle": car.name,
-        "type": car.type_id,
+        "type": car.facts.type_id,
         "connection": passage.at.connection.id,
         "manoeuvre": passage.at.connection.manoeuvre,
-        "automated": car.automated,
+        "automated": car.facts.automated,
         "driver": passage.driver,
         "driven": passage.not_driven is None,
         "not_driven_because": passage.not_driven,
@@ -164,7 +164,7 @@ def strike_of(
         path: the vehicle's path.
         walkers: those who stepped off, in the trace's order.
     """
-    length_m, width_m = passage.car.vehicle.length_m, passage.car.vehicle.width_m
+    length_m, width_m = passage.car.facts.vehicle.length_m, passage.car.facts.vehicle.width_m
     half_m = trace.crossing.width_m / 2
     # A rear that cuts a corner leaves later than a straight body would.
     leaves_m = max(half_m + length_m, passage.at.zone.last_m - passage.at.zone.centre_m)
@@ -216,4 +216,4 @@ def free_pass_s(passage: Passage, path: FrontPath) -> float:
     vehicle, zone = passage.vehicle, passage.at.zone
     begin_m = zone.centre_m - vehicle.trigger_range_m
     accelerations = vehicle.max_acceleration_mps2, vehicle.max_deceleration_mps2
-    return path.free_drive_s(begin_m, zone.last_m, *accelerations, passage.car.limit_mps)
+    return path.free_drive_s(begin_m, zone.last_m, *accelerations, passage.car.facts.limit_mps)

@@ -25,6 +25,7 @@ class Setup(Frozen):
 
     Attributes:
         scenario: the scenario, with the simulation's step.
+        model: the interaction model.
         config: SUMO's configuration.
         town: its network.
         crosswalks: the chosen crosswalks by their ids.
@@ -33,6 +34,7 @@ class Setup(Frozen):
     """
 
     scenario: Scenario
+    model: InteractionModel
     config: SumoConfig
     town: Town
     crosswalks: Mapping[str, Crosswalk]
@@ -68,9 +70,7 @@ class Setup(Frozen):
             resume_acceleration_mps2=min(ego.resume_acceleration_mps2, kind.acceleration_mps2),
         )
 
-    def strategy(
-        self, driver: Arm, pair: int, vehicle: str, model: InteractionModel
-    ) -> Strategy | None:
+    def strategy(self, driver: Arm, pair: int, vehicle: str) -> Strategy | None:
         """The strategy of a vehicle; None if SUMO is the driver.
 
         Raises:
@@ -79,7 +79,7 @@ class Setup(Frozen):
         if self.scenario.arms.driver(driver) == SUMO_DRIVER:
             return None
         try:
-            return make_strategy(self.scenario, driver, pair, model, number_of(vehicle))
+            return make_strategy(self.scenario, driver, pair, self.model, number_of(vehicle))
         except (Exception, SystemExit) as error:
             what = f"vehicle {vehicle}: the strategy could not be made: {in_one_line(error)}"
             raise StrategyError(what, error) from None

@@ -16,7 +16,7 @@ from harness.report.pictures import PictureSource, pictures_of
 from harness.report.style import styled
 from harness.results.loaded_run import Run, load_run
 from harness.scenario import load_scenario
-from harness.simulation.demand import vehicles_due
+from harness.simulation.opening import vehicles_due
 from harness.studies.running.run import resume, run
 from tests import faulty, towns
 from tests.batches import content, here, printed, refusal

@@ -34,14 +34,13 @@ def setup_at(config: Path, most: int = 99, av_share: float = 1.0, **more: Any) -
         "ego": {"trigger_range_m": 50.0, "resume_acceleration_mps2": 1.5},
         **more,
     }
-    return opened(validate(tree, "test"))
+    return opened(validate(tree, "test"), load_model("dut"))
 
 
 def run(setup: Setup, folder: Path) -> dict[str, pd.DataFrame]:
     """The tables of the AV's arm, which succeeds."""
     close_engine()
-    model = load_model(setup.scenario.model.name, setup.scenario.model.path)
-    outcome = run_arm(setup, model, 0, Arm.AV, folder)
+    outcome = run_arm(setup, 0, Arm.AV, folder)
     assert outcome.reason is None, outcome.traceback or outcome.reason
     return {name: pd.DataFrame({**columns}) for name, columns in outcome.tables.items()}
 

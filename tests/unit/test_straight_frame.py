@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 from harness.core.vocabulary import Arrival, Ending, Leg, Side, Trace, Vehicle, Walk
 from harness.measures import measure
 from harness.measures.ego import ego_positions
-from harness.simulation.cars import PASSED, Car, Meeting, Passage
+from harness.simulation.cars import PASSED, Car, Facts, Meeting, Passage
 from harness.simulation.passages import free_pass_s, passages, strike_of
 from harness.simulation.walk import SumoPerson, Walked, moved
 from harness.site.path import FrontPath, Lane
@@ -45,7 +45,7 @@ def passage(path: FrontPath, walked: Crosswalk | None = None) -> Passage:
     """A car's passage over the crosswalk, or another one."""
     walked = walked or crosswalk()
     zone = zone_of(path, walked, CAR.length_m, CAR.width_m)
-    car = Car("car", "type", automated=True, vehicle=CAR, speed_factor=1.0, max_mps=50.0)
+    car = Car("car", Facts("type", True, CAR, speed_factor=1.0, max_mps=50.0))
     return Passage(car, Meeting.of(walked, CONNECTION, zone, 100.0), CAR)
 
 

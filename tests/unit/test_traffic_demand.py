@@ -9,7 +9,7 @@ import pytest
 
 from harness.engine.traffic_files import types_of
 from harness.scenario import Scenario, validate
-from harness.simulation.demand import vehicles_due
+from harness.simulation.opening import vehicles_due
 
 
 def scenario_of(**traffic: Any) -> Scenario:

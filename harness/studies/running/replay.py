@@ -144,7 +144,7 @@ def watch(run: Run, cell: int, pairs: range, arms: Sequence[Arm]) -> list[Replay
     if run.kind == "simulations":
         from harness.studies.running.simulations import simulate_task
 
-        shown = (simulate_task(task, runs="window", more=window_options()) for task in tasks)
+        shown = (simulate_task(task, window=window_options()) for task in tasks)
         return [replayed(run, task, rows) for task, rows in zip(tasks, shown, strict=True)]
     found = []
     for task in tasks:

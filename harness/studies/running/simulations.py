@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
-from types import MappingProxyType
 
 import pyarrow as pa
 
@@ -11,7 +10,6 @@ from harness.core.vocabulary import Arm, ignore
 from harness.encounter.arms import arm_key, check_arms
 from harness.engine.arm_files import check_routes
 from harness.engine.installation import scratch_folder
-from harness.engine.session import Runs
 from harness.engine.shared import close_engine
 from harness.model.interaction import InteractionModel, load_model
 from harness.results.rows import simulation_rows
@@ -38,8 +36,8 @@ def checked_simulations(study: Study) -> tuple[list[InteractionModel], Mapping[s
         models.append(load(scenario.model.name, scenario.model.path))
         check_arms(scenario, models[-1])
         if scenario.traffic is None:
-            found = opened(scenario)
-            check(found, models[-1])
+            found = opened(scenario, models[-1])
+            check(found)
             now = digests(found.config)
             if not now.items() <= files.items():
                 check_routes(found.config)
@@ -50,8 +48,7 @@ def checked_simulations(study: Study) -> tuple[list[InteractionModel], Mapping[s
 def simulate_task(
     task: Task,
     tell: Tell = ignore,
-    runs: Runs = "here",
-    more: Mapping[str, str] = MappingProxyType({}),
+    window: Mapping[str, str] | None = None,
 ) -> TaskRows:
     """Simulate every arm of a task's pair; those that were given up are recorded as failed.
 
@@ -60,8 +57,7 @@ def simulate_task(
     Args:
         task: a task of one pair.
         tell: see ``tasks.Tell``.
-        runs: where SUMO runs.
-        more: further options of SUMO.
+        window: options of sumo-gui, in whose window it runs; None: without one.
     """
     close_engine()  # a process has one simulation
     (pair,) = task.pairs
@@ -79,13 +75,11 @@ def simulate_task(
         tell(episode, None)
         outcome = run_arm(
             setup(),
-            task.model,
             pair,
             arm,
             arms / (arm if task.outputs is None else ""),
             keeps=task.outputs is not None,
-            runs=runs,
-            more=more,
+            window=window,
             begins=partial(tell, episode),
         )
         tell(None, None)
@@ -96,7 +90,7 @@ def simulate_task(
     for cell in task.cells:
         with scratch_folder() as scratch:
             demand, arms = _folders(task, cell.number, Path(scratch))
-            setup = cache(partial(_opened, cell.scenario, pair, demand))
+            setup = cache(partial(_opened, cell.scenario, task.model, pair, demand))
             outcomes = [outcome_of(cell, arm, setup, arms) for arm in task.arms]
         events += [
             {
@@ -113,8 +107,10 @@ def simulate_task(
     return TaskRows(tables, tuple(events))
 
 
-def _opened(scenario: Scenario, pair: int, folder: Path) -> Setup:
-    return opened(scenario) if scenario.traffic is None else opened_traffic(scenario, pair, folder)
+def _opened(scenario: Scenario, model: InteractionModel, pair: int, folder: Path) -> Setup:
+    if scenario.traffic is None:
+        return opened(scenario, model)
+    return opened_traffic(scenario, model, pair, folder)
 
 
 def _folders(task: Task, cell: int, scratch: Path) -> tuple[Path, Path]:
