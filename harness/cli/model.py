@@ -62,8 +62,8 @@ def fit(
     from harness.studies.models.model_results import model_result
     from harness.studies.running.workers import default_workers
 
-    number = workers or default_workers()
-    how = FitSettings(components_of(components), choose, starts, folds, seed)
+    box, numbers = tuple(bounds or ()), components_of(components)
+    how = FitSettings(numbers, choose, starts, folds, seed, weigh, box)
     with progress_bar(quiet or as_json, "fits") as advance, unwinding():
         fitted = fit_model(
             rows,
@@ -71,9 +71,7 @@ def fit(
             name=name or out.stem,
             command=_command(),
             settings=how,
-            weigh=weigh,
-            bounds=bounds or (),
-            workers=number,
+            workers=workers or default_workers(),
             progress=advance,
         )
     result = model_result("fit", fitted, str(out), [f"Model: {out}"])

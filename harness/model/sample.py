@@ -186,10 +186,7 @@ def make_sample(
     places = np.arange(row.size) if encounter is None else encounter
     copies = np.bincount(np.unique(np.stack((row, places)), axis=1)[0])
     named = _codes(kept, VEHICLE_KEY)
-    texts = {
-        name: sorted(set(kept[name].dropna())) if name in kept else []
-        for name in ("track", "source")
-    }
+    texts = kept.reindex(columns=["track", "source"])  # those that are not there are missing
     return Sample(
         data=data[inside],
         weights=row_weights(kept, weigh) / copies[row],
@@ -199,8 +196,8 @@ def make_sample(
         named_vehicles=None if named is None else int(named.max()) + 1,
         lower=lower,
         upper=upper,
-        tracks=texts["track"],
-        sources=texts["source"],
+        tracks=sorted(set(texts["track"].dropna())),
+        sources=sorted(set(texts["source"].dropna())),
         rows_read=len(rows),
         outside=dict(zip(MODEL_COLUMNS, outside.sum(axis=0).tolist(), strict=True)),
         weigh=weigh,

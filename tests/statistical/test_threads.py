@@ -26,11 +26,11 @@ FITS = """
 import hashlib
 import numpy as np
 from harness.model.mixture.conditional import Conditional
-from harness.model.mixture.fitting import fit_mixture
+from harness.model.mixture.fitting import Search, fit_mixture
 from tests.densities import truth
 box = truth()
 rows = box.sample(6_000, np.random.default_rng(1))
-fit = fit_mixture(rows, 10, box.lower, box.upper, seed=1, n_init=1, max_iter=25).mixture
+fit = fit_mixture(rows, 10, box.lower, box.upper, Search(1, starts=1, max_iter=25)).mixture
 u = np.random.default_rng(2).random(len(rows))
 found = [rows, Conditional(box, 2, [0, 1]).ppf(u, rows[:, [0, 1]])]
 found += [fit.weights, fit.locations, fit.scale_matrices]

@@ -6,7 +6,7 @@ from scipy.stats import multivariate_normal
 
 from harness.core.errors import InputError
 from harness.model.mixture.distribution import TruncatedGaussianMixture
-from harness.model.mixture.fitting import fit_mixture
+from harness.model.mixture.fitting import Search, fit_mixture
 from harness.model.mixture.likelihood import SCALE_FLOOR, Coordinates, Likelihood
 from harness.model.mixture.normals import Normals
 from tests.densities import truth
@@ -21,7 +21,7 @@ def rows():
 
 @pytest.fixture(scope="module")
 def fitted(rows):
-    return fit_mixture(rows, 3, truth().lower, truth().upper, seed=1, n_init=1, tol=1e-9)
+    return fit_mixture(rows, 3, truth().lower, truth().upper, Search(1, starts=1, tol=1e-9))
 
 
 def test_without_bounds_it_ends_where_scikit_learn_ends(rows):
@@ -31,7 +31,7 @@ def test_without_bounds_it_ends_where_scikit_learn_ends(rows):
         3, reg_covar=0.0, tol=1e-10, n_init=10, max_iter=5000, random_state=1
     ).fit(standard)
     free = np.full(4, INF)
-    found = fit_mixture(standard, 3, -free, free, seed=1)
+    found = fit_mixture(standard, 3, -free, free, Search(1))
     assert found.log_likelihood >= other.score(standard) * len(rows) - 1e-4
     likelihood = Likelihood(standard, np.ones(len(rows)), -free, free)
     at = likelihood.at(Normals(other.weights_, other.means_, other.covariances_))
@@ -70,10 +70,10 @@ def test_gradient_the_steps_follow_is_the_slope_of_the_density(rows):
 
 def test_the_end_of_every_fit_has_next_to_no_gradient(rows):
     for k in (1, 2, 4):
-        found = fit_mixture(rows, k, truth().lower, truth().upper, seed=1, n_init=1)
+        found = fit_mixture(rows, k, truth().lower, truth().upper, Search(1, starts=1))
         assert found.converged
         assert found.gradient_norm < 1e-7, k
-    short = fit_mixture(rows, 4, truth().lower, truth().upper, seed=1, n_init=1, max_iter=20)
+    short = fit_mixture(rows, 4, truth().lower, truth().upper, Search(1, starts=1, max_iter=20))
     assert not short.converged
     assert short.gradient_norm >= 1e-7
 
@@ -92,7 +92,7 @@ def test_weights_count_as_repeated_rows(rows):
     box = truth()
     chosen = rows[:400]
     counts = np.random.default_rng(0).integers(0, 4, 400)
-    found = fit_mixture(chosen, 1, box.lower, box.upper, seed=1, sample_weight=counts, n_init=1)
+    found = fit_mixture(chosen, 1, box.lower, box.upper, Search(1, starts=1), sample_weight=counts)
     plain = counts @ found.mixture.logpdf(chosen)
     assert found.bic == pytest.approx(-2.0 * plain + 14 * np.log(counts.sum()), rel=1e-10)
 
@@ -118,7 +118,7 @@ def test_one_truncated_variable_against_direct_maximisation():
         method="Nelder-Mead",
         options={"xatol": 1e-9, "fatol": 1e-10, "maxiter": 4000},
     )
-    found = fit_mixture(x[:, None], 1, [0.0], [4.0], seed=1, n_init=1, tol=1e-10)
+    found = fit_mixture(x[:, None], 1, [0.0], [4.0], Search(1, starts=1, tol=1e-10))
     penalised = found.log_likelihood + np.log(found.mixture.masses).sum()
     assert penalised == pytest.approx(-best.fun, abs=1e-6)
     assert found.mixture.locations[0, 0] == pytest.approx(best.x[0], abs=2e-3)
@@ -127,7 +127,7 @@ def test_one_truncated_variable_against_direct_maximisation():
 def test_the_prior_stops_a_location_from_running_away():
     """Exponential rows: without a prior the best normal has its location at minus infinity."""
     x = np.random.default_rng(1).exponential(size=(500, 1))
-    found = fit_mixture(x, 1, [0.0], [INF], seed=1, n_init=1)
+    found = fit_mixture(x, 1, [0.0], [INF], Search(1, starts=1))
     assert found.converged
     assert found.mixture.masses[0] > 1e-6
 
@@ -144,5 +144,5 @@ def test_bad_rows_are_refused(gap, k, text):
     x = np.random.default_rng(0).random((50, 3))
     x[:, 2] = gap(x)
     with pytest.raises(InputError, match=text) as caught:
-        fit_mixture(x, k, [0] * 3, [2] * 3, seed=1, names=["range", "speed", "gap"])
+        fit_mixture(x, k, [0] * 3, [2] * 3, Search(1), names=["range", "speed", "gap"])
     assert "\n" not in str(caught.value)

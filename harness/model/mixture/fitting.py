@@ -36,6 +36,24 @@ _NEAR: Mapping[str, Any] = {
 }
 
 
+class Search(NamedTuple):
+    """How the maximum is searched for.
+
+    Attributes:
+        seed, key: seed of the starts, ≥ 0, and the numbers of this fit among those of the seed.
+        starts: number of starts.  Each climbs from four clusterings until the gradient is below
+            1e-4; of all, the one with the highest penalised likelihood goes on.
+        tol: the fit stops when the result's ``gradient_norm`` is below this.
+        max_iter: maximum number of steps of each climb.
+    """
+
+    seed: int
+    key: tuple[int, ...] = ()
+    starts: int = 5
+    tol: float = 1e-7
+    max_iter: int = 1000
+
+
 @dataclass(frozen=True)
 class FitResult:
     """The result of a fit.
@@ -64,13 +82,8 @@ def fit_mixture(
     n_components: int,
     lower: ArrayLike,
     upper: ArrayLike,
-    *,
-    seed: int,
-    key: Sequence[int] = (),
+    search: Search,
     sample_weight: ArrayLike | None = None,
-    tol: float = 1e-7,
-    n_init: int = 5,
-    max_iter: int = 1000,
     names: Sequence[str] | None = None,
 ) -> FitResult:
     """The truncated Gaussian mixture of maximum penalised likelihood, by BFGS and L-BFGS.
@@ -85,12 +98,8 @@ def fit_mixture(
         data: (n, d) finite rows inside the box, d from 1 to 4; values on a bound are inside.
         n_components: K ≥ 1.
         lower, upper: (d,), may be infinite.
-        seed, key: seed of the starts, ≥ 0, and the numbers of this fit among those of the seed.
+        search: how the maximum is searched for.
         sample_weight: (n,) ≥ 0; by default 1.  The sum counts as the number of rows.
-        tol: the fit stops when ``gradient_norm`` is below this.
-        n_init: number of starts.  Each climbs from four clusterings until the gradient is below
-            1e-4; of all, the one with the highest penalised likelihood goes on.
-        max_iter: maximum number of steps of each climb.
         names: names of the columns, for messages.
 
     Raises:
@@ -114,18 +123,7 @@ def fit_mixture(
         centre, spread = _standards(rows, weights, labels)
         rows = (rows - centre) / spread
         likelihood = Likelihood(rows, weights, (low - centre) / spread, (high - centre) / spread)
-        begun: list[Climb] = []
-        # One component has the same start each time.
-        for i in range(_CLIMBS * n_init if n_components > 1 else 1):
-            rng = stream(seed, "start_of_fit", *key, i)
-            first = clustered_normals(rows, weights, n_components, rng)
-            mixed = (first.weights + _EQUAL / n_components) / (1.0 + _EQUAL)
-            first = first._replace(weights=frozen(mixed))
-            begun += climb(likelihood, first, max(tol, _LOOSE_TOL), max_iter)
-        best = max(begun, key=lambda start: start.end.objective, default=None)
-        if best is None:
-            raise InputError(_WHERE, "no start has a finite likelihood", "fewer components")
-        (best,) = climb(likelihood, best.end.normals, tol, max_iter, _NEAR)
+        best = _best_climb(likelihood, rows, n_components, search)
     fitted, (count, dimension) = best.end.normals, best.end.normals.locations.shape
     scales = fitted.scales * spread[:, None] * spread
     mixture = TruncatedGaussianMixture(
@@ -135,7 +133,7 @@ def fit_mixture(
     log_likelihood = best.end.log_likelihood - likelihood.total * float(np.log(spread).sum())
     return FitResult(
         mixture=mixture,
-        converged=best.gradient_norm < tol,
+        converged=best.gradient_norm < search.tol,
         gradient_norm=best.gradient_norm,
         n_iter=best.steps,
         log_likelihood=log_likelihood,
@@ -149,6 +147,23 @@ class Climb(NamedTuple):
     end: Evaluation
     gradient_norm: float
     steps: int
+
+
+def _best_climb(likelihood: Likelihood, rows: FloatArray, components: int, search: Search) -> Climb:
+    """The highest climb from all starts, which went on to the top."""
+    begun: list[Climb] = []
+    # One component has the same start each time.
+    for i in range(_CLIMBS * search.starts if components > 1 else 1):
+        rng = stream(search.seed, "start_of_fit", *search.key, i)
+        first = clustered_normals(rows, likelihood.weights, components, rng)
+        mixed = (first.weights + _EQUAL / components) / (1.0 + _EQUAL)
+        first = first._replace(weights=frozen(mixed))
+        begun += climb(likelihood, first, max(search.tol, _LOOSE_TOL), search.max_iter)
+    best = max(begun, key=lambda start: start.end.objective, default=None)
+    if best is None:
+        raise InputError(_WHERE, "no start has a finite likelihood", "fewer components")
+    (best,) = climb(likelihood, best.end.normals, search.tol, search.max_iter, _NEAR)
+    return best
 
 
 def climb(

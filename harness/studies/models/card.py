@@ -1,6 +1,6 @@
 """Fits a model to rows, and makes its card: rows, fits over K, warnings."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from statistics import NormalDist
@@ -171,8 +171,6 @@ def fit_model(
     name: str,
     command: str,
     settings: FitSettings,
-    weigh: str,
-    bounds: Sequence[str],
     workers: int,
     progress: Progress,
 ) -> InteractionModel:
@@ -184,12 +182,11 @@ def fit_model(
         name: its name.
         command: the exact command, for its card.
         settings: see ``FitSettings``.
-        weigh, bounds: see ``make_sample`` and ``box_of``.
         workers: number of processes.
         progress: called with the numbers of finished and planned fits.
     """
     file = read_rows(rows)
-    sample = make_sample(file.rows, weigh, *box_of(bounds))
+    sample = make_sample(file.rows, settings.weigh, *box_of(settings.bounds))
     with fits.processes(workers) as executor:
         fitted = fits.fit(sample, settings, executor, progress)
         made = fitted.chosen.fit.mixture

@@ -25,7 +25,7 @@ from harness.core.vocabulary import FloatArray, IntArray, Progress, ignore
 from harness.model.interaction import DRIVING_GIVEN, PEDESTRIAN_SPEED, VEHICLE_SPEED, WALKING_GIVEN
 from harness.model.mixture.conditional import Conditional
 from harness.model.mixture.distribution import TruncatedGaussianMixture
-from harness.model.mixture.fitting import FitResult, fit_mixture
+from harness.model.mixture.fitting import FitResult, Search, fit_mixture
 from harness.model.sample import LABELS, Sample
 
 Choice = Literal["held-out", "bic", "rule"]
@@ -44,7 +44,7 @@ chosen, and log f(v | 1/R, v_p, 1/T_adv), which the human driver uses."""
 
 
 class FitSettings(NamedTuple):
-    """The settings of a fit.
+    """The settings of the fits of a model.
 
     Attributes:
         components: every K to fit, ascending.
@@ -52,6 +52,7 @@ class FitSettings(NamedTuple):
         starts: number of starts of each fit, from four clusterings each.  The best is kept.
         folds: number of folds of vehicles for the held-out scores; 0 or 1 means no scores.
         seed: the seed of the starts and the folds.
+        weigh, bounds: how rows become a sample, see ``make_sample`` and ``box_of``.
     """
 
     components: tuple[int, ...]
@@ -59,6 +60,8 @@ class FitSettings(NamedTuple):
     starts: int = 5
     folds: int = 5
     seed: int = 1
+    weigh: str = "encounter"
+    bounds: tuple[str, ...] = ()
 
 
 def components_of(text: str) -> tuple[int, ...]:
@@ -231,11 +234,9 @@ def fit_weighted(
         key[0],
         sample.lower,
         sample.upper,
-        sample_weight=weights[used],
-        n_init=settings.starts,
-        seed=settings.seed,
-        key=key,
-        names=LABELS,
+        Search(settings.seed, key, settings.starts),
+        weights[used],
+        LABELS,
     )
     if used.all() or sample.vehicle is None:
         return found, {}
