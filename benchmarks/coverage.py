@@ -24,7 +24,7 @@ from harness.results.estimators import CONFIDENCE
 from harness.results.finding import Finding
 from harness.results.rows import episode_rows
 from harness.scenario import Cell, Scenario, Setting, load_scenario
-from harness.studies.compare import DIFFERENCES
+from harness.studies.differences import DIFFERENCES
 
 SWEPT = 8
 """Values of the parameter sweep whose upper bound of μ is tried."""

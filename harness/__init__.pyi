@@ -34,7 +34,7 @@ from .strategies.vector import (
     observation_vector as observation_vector,
 )
 from .studies.checks import check_strategy as check_strategy
-from .studies.compare import compare as compare
+from .studies.comparison import compare as compare
 from .studies.evaluate import evaluate as evaluate
 from .studies.one_pair import PairOutcome as PairOutcome, run_pair as run_pair
 from .studies.running.run import resume as resume, run as run

@@ -72,7 +72,7 @@ def compare(
     """
     from harness.core.files import check_target, write_csv
     from harness.results.loaded_run import load_run
-    from harness.studies.compare import compare as compare_cells
+    from harness.studies.comparison import compare as compare_cells
 
     if out is not None:
         check_target(out)

@@ -26,7 +26,7 @@ from harness.results.tables import TABLES_OF
 from harness.scenario.variation import flatten
 from harness.studies.allowed import Allowed, allowed_in
 from harness.studies.candidates import groups_of
-from harness.studies.compare import compare
+from harness.studies.comparison import compare
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _NO_BREAK = "\N{NO-BREAK SPACE}"
@@ -59,6 +59,16 @@ class _Table(NamedTuple):
     rows: Sequence[Sequence[_Cell]]
     lines: Sequence[str] = ()
     sortable: bool = False
+
+
+class _RunParts(NamedTuple):
+    """What the page of a run has besides results."""
+
+    folder: str = ""
+    failures: tuple[str, ...] = ()
+    episodes: bool = False
+    player: object = None
+    scenario: _Table | None = None
 
 
 @checked
@@ -154,12 +164,14 @@ def write_page(
             page,
             [result, *([compared] if compared is not None else [])],
             [(picture.name, picture.title, caption, figure) for picture, caption, figure in drawn],
-            folder=str(run.path),
-            failures=list(_failures(run)),
-            episodes=run.kind == "encounters",
-            player=player_of(run, shown) if shown else None,
-            facts=list(_facts(run, result)),
-            scenario=_scenario(run),
+            list(_facts(run, result)),
+            _RunParts(
+                str(run.path),
+                tuple(_failures(run)),
+                episodes=run.kind == "encounters",
+                player=player_of(run, shown) if shown else None,
+                scenario=_scenario(run),
+            ),
         )
     return Written(page, tuple(written))
 
@@ -177,7 +189,7 @@ def write_result(result: Result, page: Path, drawn: Sequence[DrawnPicture] = ())
     """
     facts = [(name, plain_text(value)) for name, value in result.facts.items()]
     with styled():
-        _write(page, [result], drawn or pictures_of_result(result), facts=facts)
+        _write(page, [result], drawn or pictures_of_result(result), facts, _RunParts())
     return page
 
 
@@ -186,11 +198,7 @@ def _write(
     results: Sequence[Result],
     drawn: Iterable[DrawnPicture],
     facts: Sequence[tuple[str, str]],
-    folder: str = "",
-    failures: Sequence[str] = (),
-    episodes: bool = False,
-    player: object = None,
-    scenario: _Table | None = None,
+    of_run: _RunParts,
 ) -> None:
     """Write a page; call this inside ``styled``."""
     result = results[0]
@@ -209,17 +217,13 @@ def _write(
     )  # fmt: skip
     text = environment.get_template("report.html").render(
         result=result,
-        folder=folder,
         screen=_table(result.screen, "screen", confidence_of(result)),
         notes=_notes(results),
-        failures=failures,
         pictures=pictures,
-        episodes=episodes,
-        player=player,
         tables=list(_tables(results)),
         remarks=[remark for result in results for remark in result.remarks],
         facts=facts,
-        scenario=scenario,
+        **of_run._asdict(),
         styles=(_TEMPLATES / "report.css").read_text(encoding="utf-8"),
         scripts=[_script(name) for name in ("page.js", "player.js")],
         version=versions_of_runs()["harness"],

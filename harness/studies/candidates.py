@@ -1,4 +1,4 @@
-"""Cells of one run or of several that differ only in the AV, in groups."""
+"""Cells of one run or of several that differ only in the AV, in groups: who may be compared."""
 
 import json
 from collections import Counter
@@ -6,17 +6,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import pyarrow.compute as pc
 
+from harness.core.errors import InputError, Parameter
 from harness.core.freezing import Frozen
-from harness.core.vocabulary import Arm
-from harness.results.catalogue import AnySample
+from harness.core.vocabulary import ROUNDING, Arm
+from harness.results.catalogue import ENTRY_OF, AnySample
 from harness.results.cell_findings import CellFindings, sample_of
 from harness.results.cell_tables import driver_of
+from harness.results.columns import REFERENCE
 from harness.results.finding import Plain
 from harness.results.loaded_run import Run
 from harness.results.place import name_of
-from harness.results.tables import COUNTED
+from harness.results.tables import COUNTED, RunKind
 from harness.scenario import Scenario
 from harness.scenario.study import as_written
 from harness.scenario.variation import flatten
@@ -25,6 +28,12 @@ from harness.strategies.registry import STRATEGIES
 
 _SHARED = ("traffic", "simulation")
 """Sections with a share of AVs."""
+
+_REFERENCE: Mapping[RunKind, tuple[Any, ...]] = {
+    "encounters": ("crashed", "steps", "pedestrians", "pass_time_s", "pedestrian_delay_s"),
+    "simulations": tuple(ENTRY_OF[key].column for key in ("passages", "people", "people_wait_s")),
+}
+"""Columns that are equal if the reference met the same people and drove alike."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +73,26 @@ class Candidate(Frozen):
         tables = {name: self.run.rows(name, number) for name in COUNTED[self.run.kind]}
         first = {name: rows.filter(pc.less(rows["pair"], pairs)) for name, rows in tables.items()}
         return sample_of(first, scenario, 0.0)
+
+
+def comparable(runs: Sequence[Run]) -> tuple[list[list[Candidate]], list[Candidate]]:
+    """The groups of several cells, and the cells that cannot be compared with any other.
+
+    Raises:
+        InputError: there is no run; one is not finished, of another kind or named twice; a run has
+            no such group, with another run if there are several; or the reference met other people
+            in one of the runs.
+    """
+    _refuse_runs(runs)
+    every = groups_of(runs)
+    groups, least = [group for group in every if len(group) > 1], min(len(runs), 2)
+    joint = [group for group in groups if len({each.origin for each in group}) >= least]
+    met = {each.run.path for group in joint for each in group}
+    for alone in (run for run in reversed(runs) if run.path not in met):
+        raise _nothing_to_compare([*[run for run in runs if run is not alone][:1], alone])
+    for group in groups:
+        _refuse_other_people(group)
+    return groups, [group[0] for group in every if len(group) == 1]
 
 
 def groups_of(runs: Sequence[Run]) -> list[list[Candidate]]:
@@ -133,3 +162,52 @@ def _group(cells: Sequence[tuple[Run, CellFindings, str]]) -> list[Candidate]:
 
 def _as_text(value: object) -> str:
     return json.dumps(value, sort_keys=True, default=str)
+
+
+def _refuse_runs(runs: Sequence[Run]) -> None:
+    """Refuse no run, and runs that are not finished, of different kinds or code, or the same."""
+    if not runs:
+        raise InputError(Parameter("runs"), "there is none", "one or more")
+    for number, run in enumerate(runs):
+        run.refuse_unfinished()
+        if run.kind != runs[0].kind:
+            allowed = f"runs of {runs[0].kind}, as {runs[0].path}"
+            raise InputError(str(run.path), f"is a run of {run.kind}", allowed)
+        if run.manifest["simulated_with"]["code"] != runs[0].manifest["simulated_with"]["code"]:
+            problem = f"has rows of other code than {runs[0].path}"
+            allowed = "runs of the same code; `harness run` of a run's folder simulates it again"
+            raise InputError(str(run.path), problem, allowed)
+        if run.path.resolve() in [other.path.resolve() for other in runs[:number]]:
+            raise InputError(str(run.path), "is named twice", "different runs")
+
+
+def _refuse_other_people(group: Sequence[Candidate]) -> None:
+    """Refuse cells of several runs whose references differ, which the AV cannot cause."""
+    first, *others = group
+    for other in (each for each in others if each.origin != first.origin):
+        pairs = common_pairs(first, other)
+        samples = first.sample(pairs), other.sample(pairs)
+        a, b = ([of[name][REFERENCE] for name in _REFERENCE[first.run.kind]] for of in samples)
+        same = np.isclose(a, b, rtol=ROUNDING, atol=ROUNDING, equal_nan=True).all(axis=0)
+        same |= np.isnan(a).all(axis=0) | np.isnan(b).all(axis=0)  # a simulation failed
+        if not same.all():
+            raise InputError(
+                str(other.run.path),
+                f"its reference drove otherwise than {first.run.path} in pair {same.argmin()}",
+                "runs of the same version and model, or one sweep over both strategies",
+            )
+
+
+def _nothing_to_compare(runs: Sequence[Run]) -> InputError:
+    if len(runs) == 1:
+        allowed = "a sweep over arms.av or its parameters, or a second run"
+        return InputError(str(runs[0].path), "has no two cells that differ only in the AV", allowed)
+    trees = [flatten(without_av(run.cells[0].scenario)) for run in runs[:2]]
+    keys = [key for key in {**trees[0], **trees[1]} if trees[0].get(key) != trees[1].get(key)]
+    problem = f"differs from {runs[0].path} in more than the AV: {', '.join(keys[:5])}"
+    return InputError(str(runs[1].path), problem, "the same seed, people, ego and reference")
+
+
+def common_pairs(a: Candidate, b: Candidate) -> int:
+    """The number of pairs that both cells have: entry i of each is pair i."""
+    return min(a.cell["pairs"].count, b.cell["pairs"].count)

@@ -12,7 +12,7 @@ from harness.report.shown import shown_pairs
 from harness.results.loaded_run import Run, load_run
 from harness.studies.allowed import allowed_in
 from harness.studies.candidates import groups_of
-from harness.studies.compare import compare
+from harness.studies.comparison import compare
 from harness.studies.running.run import run
 from harness.studies.worst import worst
 from tests.report.test_screens import PAPER, result as made_result

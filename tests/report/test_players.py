@@ -15,7 +15,7 @@ from harness.report import page as pages
 from harness.report.page import write_page
 from harness.report.shown import shown_pairs
 from harness.results.loaded_run import Run
-from harness.studies.compare import compare
+from harness.studies.comparison import compare
 from harness.studies.running.run import run
 from tests.report.test_pages import HOSTILE, Failing
 

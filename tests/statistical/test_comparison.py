@@ -18,7 +18,7 @@ from harness.results.estimators import (
 )
 from harness.scenario import load_scenario
 from harness.studies.allowed import RELIABLE_FROM
-from harness.studies.compare import DIFFERENCES, holm
+from harness.studies.differences import DIFFERENCES, holm
 
 
 def least_coverage(intervals: list[tuple[float, float]]) -> float:

@@ -16,7 +16,7 @@ from harness.results.result import Result
 from harness.scenario import Scenario
 from harness.studies.allowed import allowed_in
 from harness.studies.candidates import groups_of
-from harness.studies.compare import compare
+from harness.studies.comparison import compare
 from tests.cells import FAILED, HUMAN_S, Fate, MadeRun, noisy, run_of, screen_text, study
 from tests.scenes import refuses
 

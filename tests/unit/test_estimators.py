@@ -9,7 +9,7 @@ from scipy import stats
 
 from harness.results import estimators as of
 from harness.results.finding import Finding, finding_to_dict
-from harness.studies.compare import holm
+from harness.studies.differences import holm
 
 
 def rng(seed: int = 0) -> np.random.Generator:

@@ -41,7 +41,7 @@ ROOMS = {
 CODE |= {f"harness/{room}": lines for room, lines in ROOMS.items()}
 RUNNING = (
     "running/tasks running/episodes running/children running/workers running/run running/replay "
-    "evaluate candidates compare worst"
+    "evaluate candidates differences comparison worst"
 )
 MODULES, MODULE, FUNCTION = 200, 300, 60
 DOORS, PAGES, WEB, PASSED = 14, 2_800, 700, 15

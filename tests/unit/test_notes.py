@@ -15,7 +15,7 @@ from harness.results.references import opposite
 from harness.results.result import Result, Shown, Style, Versus
 from harness.scenario import Scenario, load_scenario
 from harness.scenario.sections import ActuationSection, PerceptionSection
-from harness.studies.compare import compare
+from harness.studies.comparison import compare
 from tests.cells import (
     FAILED,
     HUMAN_S,

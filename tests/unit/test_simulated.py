@@ -22,7 +22,7 @@ from harness.results.notes import notes_of
 from harness.results.student import ALONE, ONE, clustered_share, t_mean, t_ratio_difference
 from harness.scenario import Setting, read_scenario_file, study_of
 from harness.simulation.arm import ENDED
-from harness.studies.compare import compare
+from harness.studies.comparison import compare
 from harness.studies.running.claimed_folder import manifest_of
 from harness.studies.worst import WhoDrove, worst
 from tests.batches import printed
