@@ -4,6 +4,7 @@ import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from harness.results.columns import REFERENCE
 from harness.results.finding import Plain
 from harness.results.loaded_run import Run
 from harness.results.place import name_of
-from harness.results.tables import COUNTED, RunKind
+from harness.results.tables import COUNTED, RunKind, Tables
 from harness.scenario import Scenario
 from harness.scenario.study import as_written
 from harness.scenario.variation import flatten
@@ -69,10 +70,13 @@ class Candidate(Frozen):
 
     def sample(self, pairs: int) -> AnySample:
         """The columns of its first pairs, without intervals of its own."""
-        number, scenario = self.cell.number, self.cell.scenario
-        tables = {name: self.run.rows(name, number) for name in COUNTED[self.run.kind]}
-        first = {name: rows.filter(pc.less(rows["pair"], pairs)) for name, rows in tables.items()}
-        return sample_of(first, scenario, 0.0)
+        first = {n: rows.filter(pc.less(rows["pair"], pairs)) for n, rows in self._tables.items()}
+        return sample_of(first, self.cell.scenario, 0.0)
+
+    @cached_property
+    def _tables(self) -> Tables:
+        """All rows of the cell, which is compared with every other cell of its group."""
+        return {name: self.run.rows(name, self.cell.number) for name in COUNTED[self.run.kind]}
 
 
 def comparable(runs: Sequence[Run]) -> tuple[list[list[Candidate]], list[Candidate]]:

@@ -125,10 +125,9 @@ def compared(a: Candidate, b: Candidate, confidence: float) -> ComparedPair:
     """
     pairs = common_pairs(a, b)
     samples = a.sample(pairs), b.sample(pairs)
-    seed = a.cell.scenario.experiment.seed
-    found = {}
+    rng, found = resampling(a.cell.scenario.experiment.seed, "comparison"), {}
     for gap in COMPARED[a.run.kind].differences:
-        finding = gap.of(*samples, Sampling(resampling(seed, "comparison"), confidence))
+        finding = gap.of(*samples, Sampling(rng, confidence))
         if finding.value is None:
             finding = replace(finding, reason="no pair counts in both")
         found[gap.key] = finding.reliable_above(gap.reliable_from, "pairs that differ")
