@@ -221,8 +221,9 @@ def columns_page() -> str:
         lines += table(
             ("number", "reliable from", "unit", "meaning"),
             (
-                [f"`{key}`", f"{of.reliable_from:,} pairs" * (of.reliable_from > 0), of.unit, text]
+                [f"`{key}`", f"{least:,} pairs" * (least > 0), of.unit, text]
                 for of in results_catalogue.entries_of(kind)
+                for least in (of.estimate.reliable_from,)
                 for key, text in zip(of.keys, meanings_of(of), strict=False)
             ),
         )

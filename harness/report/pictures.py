@@ -186,7 +186,7 @@ def _title(name: str, run: Run) -> tuple[str, float]:
     """The label of a finding with its unit, and the scale of its axis."""
     entry = ENTRY_OF[name]
     title = entry.title(run.cells[0].scenario.conflicts.model_dump())
-    share = entry.form in (Form.SHARE, Form.EVENTS)
+    share = entry.style.form in (Form.SHARE, Form.EVENTS)
     return (f"{title}, %", 100.0) if share else (title, 1.0)
 
 

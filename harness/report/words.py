@@ -5,8 +5,8 @@ from unicodedata import category
 
 from harness.measures.queues import level_of_service
 from harness.results.estimators import CONFIDENCE, zero_bound
-from harness.results.finding import Finding, Form
-from harness.results.result import Entered, Shown, Style, Versus
+from harness.results.finding import Finding, Form, Style
+from harness.results.result import Entered, Shown, Versus
 from harness.scenario.study import as_written
 
 DASH = "–"

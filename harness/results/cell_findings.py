@@ -79,7 +79,7 @@ def worst_cases(cells: Sequence[CellFindings]) -> list[Entry]:
     return [
         entry
         for entry in entries_of(cells[0].kind)
-        if entry.worst_case
+        if entry.screen == "worst"
         and any(cell[entry.key] != cell[entry.key.removesuffix("_worst")] for cell in cells)
     ]
 
@@ -89,14 +89,15 @@ def on_first_screen(cell: CellFindings) -> list[Entry]:
 
     A mean that is 0 in every episode of both arms, such as the wait if nobody waits, has no row.
     """
-    worst, entries = bool(worst_cases([cell])), entries_of(cell.kind)
+    worst, entries = worst_cases([cell]), entries_of(cell.kind)
     found = [[cell[key] for key in entry.keys] for entry in entries]
     return [
         entry
         for entry, before, own in zip(entries, [[], *found], found, strict=False)
-        if (entry.screen or (entry.worst_case and worst))
+        if entry.screen != "never"
+        and (worst or entry.screen != "worst")
         and not all((each.value, each.reason) == (0, EQUAL) for each in own)
-        and not (entry.optional and (own == before or all(each.value is None for each in own)))
+        and not (entry.screen == "other" and (own == before or all(e.value is None for e in own)))
     ]
 
 

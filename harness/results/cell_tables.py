@@ -9,7 +9,7 @@ from harness.results.cell_findings import CellFindings, on_first_screen, worst_c
 from harness.results.finding import Findings, Form, Plain
 from harness.results.place import short_names
 from harness.results.references import is_the_papers
-from harness.results.result import Column, Entered, Shown, Style, Table, Versus
+from harness.results.result import Column, Entered, Shown, Table, Versus
 from harness.results.tables import RunKind
 from harness.strategies.registry import fallback_of
 
@@ -52,8 +52,9 @@ def tables_of(cells: Sequence[CellFindings]) -> tuple[Table, tuple[Table, ...]]:
 
 def as_shown(entry: Entry, found: CellFindings | Findings, key: str = "") -> Shown:
     """A number of a cell as a table shows it."""
-    form = Form.SHARE if key.endswith("_difference") and entry.form is Form.EVENTS else entry.form
-    return Shown(found[key or entry.key], Style(form, entry.digits))
+    style, paired = entry.style, key.endswith("_difference")
+    style = style._replace(form=Form.SHARE) if paired and style.form is Form.EVENTS else style
+    return Shown(found[key or entry.key], style)
 
 
 def driver_of(cell: CellFindings, arm: Arm) -> str:
@@ -109,13 +110,13 @@ def _rows(
     places = (cell.findings, *crosswalks.values())
     rows = []
     for entry in (each for each in entries if not each.beside):
-        own = [] if entry.of == "pair" else [as_shown(entry, cell, key) for key in entry.keys[:2]]
-        pair = entry if entry.of in ("pair", "both") else beside.get(entry.key)
+        own = [as_shown(entry, cell, key) for key in entry.keys[:2] if entry.estimate.of != "pair"]
+        pair = entry if entry.estimate.of in ("pair", "both") else beside.get(entry.key)
         at = [as_shown(pair, of, pair.keys[-1]) if pair else None for of in places]
         found = [cell[key] for each in (entry, pair) if each is not None for key in each.keys]
         reasons = "; ".join(dict.fromkeys(filter(None, (finding.reason for finding in found))))
         heading = entry.title(cell.scenario.conflicts.model_dump())
-        if pair is not None and entry.worst_case:
+        if pair is not None and entry.screen == "worst":
             heading = "worst case: crashes, time"
         told = (entry.paper or None) if paper else None, (reasons or None) if remarks else None
         rows.append((heading, *own, *[None] * (2 - len(own)), *at, *told))
@@ -175,6 +176,6 @@ def _if_defined(entered: Entered) -> object:
 
 def _number(key: str, cell: CellFindings) -> Entered:
     entry = ENTRY_OF[key]
-    if key == entry.key and entry.of in ("arms", "both"):
+    if key == entry.key and entry.estimate.of in ("arms", "both"):
         return Versus(*(as_shown(entry, cell, each) for each in entry.keys[:2]))
     return as_shown(entry, cell, key)

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
+from typing import NamedTuple
 
 Plain = float | int | str | bool | None
 """A value of a table, of JSON, and of a scenario's key."""
@@ -20,6 +21,13 @@ class Form(StrEnum):
     COUNT = "count"
     LEVEL = "level"
     """People's mean delay in s, written as the level of service of the HCM."""
+
+
+class Style(NamedTuple):
+    """How a number is written; the unit stands in its row's or column's heading."""
+
+    form: Form = Form.NUMBER
+    digits: int = 2
 
 
 @dataclass(frozen=True, slots=True)

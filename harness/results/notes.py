@@ -128,10 +128,10 @@ def _few_pairs(cell: CellFindings) -> Iterator[Said]:
     sampled = not any(_repeated(cell))
     for entry in on_first_screen(cell):
         for found in (cell[key] for key in entry.keys):
-            equal = found.reason == EQUAL and sampled and pairs < entry.reliable_from
+            equal = found.reason == EQUAL and sampled and pairs < entry.estimate.reliable_from
             doubtful = equal or found.reliable is False or found.reason == FEW
             if doubtful and found.n is not None:
-                doubted.setdefault(entry.reliable_from, []).append(entry)
+                doubted.setdefault(entry.estimate.reliable_from, []).append(entry)
                 few.append(pairs if equal else found.n)
     if few:
         names = {n: _series([_name(one.heading) for one in each]) for n, each in doubted.items()}

@@ -64,14 +64,11 @@ def is_the_papers(scenario: Scenario) -> bool:
 
 def is_validated(scenario: Scenario) -> bool:
     """Whether the reference was validated with its parameters, and its model if it uses one."""
-    name = scenario.arms.human
-    used, shipped = scenario.model, ModelSection()
-    if name not in recorded():
+    name, used, shipped = scenario.arms.human, scenario.model, ModelSection()
+    if name not in recorded() or not keeps_its_defaults(scenario, name):
         return False
-    other_model = (used.name, used.path) != (shipped.name, shipped.path)
-    if other_model and knows_the_model(STRATEGIES[name]):
-        return False
-    return keeps_its_defaults(scenario, name)
+    same_model = (used.name, used.path) == (shipped.name, shipped.path)
+    return same_model or not knows_the_model(STRATEGIES[name])
 
 
 def not_validated(scenario: Scenario) -> tuple[str, str] | None:

@@ -10,18 +10,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from harness.core.documents import as_plain
 from harness.core.freezing import Frozen
-from harness.results.finding import Finding, Form, Plain, finding_to_dict
+from harness.results.finding import Finding, Plain, Style, finding_to_dict
 from harness.results.notes import Note
 
 if TYPE_CHECKING:
     import pandas as pd
-
-
-class Style(NamedTuple):
-    """How a number is written; the unit stands in its row's or column's heading."""
-
-    form: Form = Form.NUMBER
-    digits: int = 2
 
 
 class Shown(NamedTuple):

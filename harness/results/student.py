@@ -11,7 +11,7 @@ import numpy as np
 from scipy import special
 
 from harness.core.vocabulary import FloatArray
-from harness.results.estimators import EQUAL, clopper_pearson, informative
+from harness.results.estimators import EQUAL, Sampling, clopper_pearson, informative
 from harness.results.finding import Finding
 
 RELIABLE_PAIRS = 5
@@ -20,6 +20,21 @@ RELIABLE_PAIRS = 5
 ONE = "one pair has no interval"
 ALONE = "of one pair, as if its passages were independent"
 NO_EVENT = "no event in either arm, so the difference has no interval"
+
+
+def mean_of_arms(values: FloatArray, sampling: Sampling) -> Finding:
+    """The mean of an arm's values, none of which is negative, or of the arms' differences."""
+    if values.ndim == 1:
+        return t_mean(values, sampling.confidence, least=0.0)
+    return t_mean(np.subtract(*values), sampling.confidence)
+
+
+def share_of_arms(events: FloatArray, trials: FloatArray, sampling: Sampling) -> Finding:
+    """An arm's share of events among trials, or the difference of the arms' shares."""
+    if events.ndim == 1:
+        return clustered_share(events, trials, sampling.confidence)
+    av, human = zip(events, trials, strict=True)
+    return t_ratio_difference(av, human, sampling.confidence)
 
 
 def t_mean(values: FloatArray, confidence: float, least: float = -math.inf) -> Finding:

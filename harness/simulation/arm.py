@@ -60,7 +60,6 @@ class SimulatedArm:
         self._speeds = WalkingSpeeds(setup.scenario, setup.model)
         self.people = {name: self._people_at(each) for name, each in setup.crosswalks.items()}
         self._owns = [each.own for each in self.people.values() if each.own is not None]
-        self._sensors = {driver: sensor_of(setup.scenario, driver) for driver in Arm}
         self._control = Control(session, setup, self.people)
         self._approaches = Approaches(setup, session)
         self.traffic = TrafficCounts(setup, session, pair, self._cars, self.people)
@@ -241,7 +240,7 @@ class SimulatedArm:
             else:
                 passage.driver = setup.scenario.arms.driver(driver)
                 people.note(time_s)
-                sensor = self._sensors[driver]
+                sensor = sensor_of(setup.scenario, driver)
                 look = None if sensor is None else people.seen_by(passage, sensor, self._pair)
                 truth = partial(people.views, passage)
                 passage.driven_by = Driver(passage, step_s, truth, look)

@@ -13,9 +13,9 @@ from harness.core.errors import InputError, Parameter
 from harness.core.seeding import resampling
 from harness.results import estimators
 from harness.results.columns import AV
-from harness.results.finding import Finding, Form, Plain
+from harness.results.finding import Finding, Form, Plain, Style
 from harness.results.place import name_of
-from harness.results.result import Column, Shown, Style, Table
+from harness.results.result import Column, Shown, Table
 from harness.strategies.registry import table_key
 
 if TYPE_CHECKING:

@@ -32,7 +32,9 @@ _SHARED = ("traffic", "simulation")
 
 _REFERENCE: Mapping[RunKind, tuple[Any, ...]] = {
     "encounters": ("crashed", "steps", "pedestrians", "pass_time_s", "pedestrian_delay_s"),
-    "simulations": tuple(ENTRY_OF[key].column for key in ("passages", "people", "people_wait_s")),
+    "simulations": tuple(
+        ENTRY_OF[key].estimate.column for key in ("passages", "people", "people_wait_s")
+    ),
 }
 """Columns that are equal if the reference met the same people and drove alike."""
 

@@ -8,11 +8,11 @@ from harness.results.catalogue import ENTRY_OF, Entry
 from harness.results.cell_findings import worst_cases
 from harness.results.cell_tables import as_shown, drivers, scope_of, table_of
 from harness.results.estimators import EQUAL, FEW
-from harness.results.finding import Finding, Plain
+from harness.results.finding import Finding, Plain, Style
 from harness.results.loaded_run import Run, older_code
 from harness.results.notes import RULES, Note, notes_of
 from harness.results.place import place_in_words
-from harness.results.result import Column, Entered, Result, Shown, Style, Table, Versus
+from harness.results.result import Column, Entered, Result, Shown, Table, Versus
 from harness.results.student import RELIABLE_PAIRS
 from harness.studies.allowed import allowed_in, allowed_table
 from harness.studies.candidates import Candidate, common_pairs, comparable
@@ -59,8 +59,7 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
     facts: dict[str, Plain] = {"seed": runs[0].manifest["seed"], "confidence": confidence}
     facts |= {each.title: each.values for each in judged}
     more = len(rows) - MOST_ROWS
-    names = ", ".join(candidate.name for candidate in alone)
-    partners = f"; without a partner: {names}" if alone else ""
+    partners = "; without a partner: " + ", ".join(each.name for each in alone) if alone else ""
     counted = "1 comparison" if len(rows) == 1 else f"{len(rows):,} comparisons"
     return Result(
         command="compare",

@@ -12,8 +12,7 @@ from harness.results import estimators
 from harness.results.catalogue import ENTRY_OF, Entry
 from harness.results.columns import AV, PairSample
 from harness.results.estimators import Sampling
-from harness.results.finding import Finding, Form
-from harness.results.result import Style
+from harness.results.finding import Finding, Form, Style
 from harness.results.simulated import SimulationSample
 from harness.results.tables import RunKind
 from harness.studies.candidates import Candidate, common_pairs
@@ -69,12 +68,12 @@ def _of_simulations(entry: Entry) -> Difference:
     """The difference of an entry between the AVs' arms of two cells, with its t test."""
 
     def of(a: SimulationSample, b: SimulationSample, sampling: Sampling) -> Finding:
-        both = (np.array([a[name][AV], b[name][AV]]) for name in entry.columns)
-        return entry.of_columns(*both, sampling)
+        both = (np.array([a[name][AV], b[name][AV]]) for name in entry.estimate.columns)
+        return entry.estimate.of_columns(*both, sampling)
 
-    form = Form.SHARE if entry.form is Form.EVENTS else entry.form
+    form = Form.SHARE if entry.style.form is Form.EVENTS else entry.style.form
     heading = f"{entry.heading}{entry.unit and f', {entry.unit}'}"
-    return Difference(f"{entry.key}_a_minus_b", heading, Style(form, entry.digits), 0, of)
+    return Difference(f"{entry.key}_a_minus_b", heading, entry.style._replace(form=form), 0, of)
 
 
 _SHOWN = ("av_delay_s", "contacts", "conflicts_pet", "share_strategy")

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Literal
 from harness.core.errors import InputError, Parameter, checked, unknown_name, whole_number
 from harness.core.vocabulary import Arm, Ending
 from harness.measures.measured import COLUMNS, MEASURES
-from harness.results.finding import Finding, Form, Plain
+from harness.results.finding import Finding, Form, Plain, Style
 from harness.results.loaded_run import Run, older_code
 from harness.results.notes import notes_of
 from harness.results.place import place_in_words
-from harness.results.result import Column, Entered, Result, Shown, Style, Table
+from harness.results.result import Column, Entered, Result, Shown, Table
 from harness.results.tables import RunKind
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ from hypothesis import given, strategies as st
 from harness.report.screen import MOST_NOTES
 from harness.report.words import DASH, text_of
 from harness.results.estimators import clopper_pearson
-from harness.results.finding import Finding, Form
+from harness.results.finding import Finding, Form, Style
 from harness.results.notes import Note
-from harness.results.result import Column, Result, Shown, Style, Table, Versus
+from harness.results.result import Column, Result, Shown, Table, Versus
 from harness.scenario import Scenario
 from tests.cells import HUMAN_S, Fate, noisy, result_of, screen_text, study
 

@@ -53,7 +53,7 @@ def test_mcnemar_rejects_at_most_5_percent() -> None:
 
 
 LEAST = {
-    **{key: entry.reliable_from for entry in ENTRIES for key in entry.keys},
+    **{key: entry.estimate.reliable_from for entry in ENTRIES for key in entry.keys},
     **{f"A − B: {each.key}": each.reliable_from for each in DIFFERENCES},
     "mu_bound": RELIABLE_FROM,
 }

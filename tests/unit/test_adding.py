@@ -16,10 +16,10 @@ ADDED = {
     "harness/results/catalogue.py": (
         "ENTRIES: tuple[Entry, ...] = (\n",
         """
-    Entry("gap_m", "smallest gap", "Mean of the smallest gaps.", "min_gap_m", estimators.mean,
-          unit="m", screen=True),
-    Entry("halved_s", "half of the time", "Mean of the halves.", "halved_time_s", estimators.mean,
-          unit="s", digits=4, screen=True),
+    Entry("gap_m", "smallest gap", "Mean of the smallest gaps.",
+          Estimate("min_gap_m", estimators.mean), unit="m", screen="always"),
+    Entry("halved_s", "half of the time", "Mean of the halves.",
+          Estimate("halved_time_s", estimators.mean), Style(digits=4), "s", screen="always"),
 """,
     ),
     # A measure: a function and its declaration; the second entry above reports it.

@@ -204,15 +204,15 @@ def test_equal_single_and_repeated_pairs_have_no_interval() -> None:
 
 
 @pytest.mark.parametrize(
-    "entry", [e for e in catalogue.ENTRIES if e.reliable_from], ids=lambda e: e.key
+    "entry", [e for e in catalogue.ENTRIES if e.estimate.reliable_from], ids=lambda e: e.key
 )
 def test_few_pairs_are_said_to_be_few(entry: catalogue.Entry) -> None:
-    least = entry.reliable_from
+    least = entry.estimate.reliable_from
     (cell,) = study({}).cells
     sample = PairSample(episodes([(8.0, HUMAN_S)], cell.scenario), cell.scenario, 0.95)
     for n, reliable in ((least - 1, False), (least, True)):
         given = Finding(1.0, 0.9, 1.1, n, reliable=True)
-        made = replace(entry, estimate=lambda *_, given=given: given)
+        made = entry._replace(estimate=entry.estimate._replace(by=lambda *_, given=given: given))
         found = made.findings(sample)[entry.key]
         assert found.reliable is reliable
         few = f"unreliable below {least:,} informative pairs (has {n:,})"

@@ -9,10 +9,10 @@ from hypothesis import given, strategies as st
 from harness.results.catalogue import ENTRIES
 from harness.results.cell_findings import CellFindings, on_first_screen
 from harness.results.estimators import EQUAL, zero_bound
-from harness.results.finding import Finding, Form
+from harness.results.finding import Finding, Form, Style
 from harness.results.notes import Note, notes_of
 from harness.results.references import opposite
-from harness.results.result import Result, Shown, Style, Versus
+from harness.results.result import Result, Shown, Versus
 from harness.scenario import Scenario, load_scenario
 from harness.scenario.sections import ActuationSection, PerceptionSection
 from harness.studies.comparison import compare
@@ -120,7 +120,7 @@ def test_what_did_not_cross_is_counted_and_the_worst_case_stands_beside(
     assert words in told.notes[key]
     assert [each for each in scope if each not in told.result.scope] == []
     assert told.cell["kappa_worst"].events == 3
-    for worst in (entry for entry in ENTRIES if entry.worst_case):
+    for worst in (entry for entry in ENTRIES if entry.screen == "worst"):
         assert told.shows(told.cell[worst.key])
     assert "worst case" in told.headings
     # Nothing is left out, so nothing is said.

@@ -12,9 +12,9 @@ from harness.model.interaction import VARIABLES, InteractionModel
 from harness.model.mixture.conditional import Conditional
 from harness.model.trajectories.extraction import Extraction
 from harness.model.trajectories.rules import REASONS
-from harness.results.finding import Finding, Plain
+from harness.results.finding import Finding, Plain, Style
 from harness.results.notes import Note
-from harness.results.result import Column, Entered, Result, Shown, Style, Table, listed
+from harness.results.result import Column, Entered, Result, Shown, Table, listed
 from harness.studies.models.card import score_of
 
 _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)

@@ -32,9 +32,9 @@ from harness.model.trajectories.rules import ExtractionRules, Tally
 from harness.model.trajectories.tracks import Clip, fingerprint, fingerprints_of
 from harness.results import estimators
 from harness.results.estimators import Sampling
-from harness.results.finding import Finding, Form, Plain
+from harness.results.finding import Finding, Form, Plain, Style
 from harness.results.notes import Note
-from harness.results.result import Column, Result, Shown, Style, Table
+from harness.results.result import Column, Result, Shown, Table
 from harness.scenario import Scenario, Setting, load_scenario
 from harness.scenario.file import parts_of
 from harness.scenario.pedestrians import PedestriansSection

@@ -33,7 +33,7 @@ from harness.results.loaded_run import older_code
 from harness.results.notes import Note, retries
 from harness.results.place import place_in_words
 from harness.results.references import not_validated
-from harness.results.result import Column, Result, Shown, Style, Table
+from harness.results.result import Column, Result, Shown, Table
 from harness.scenario import Cell, EngineName, Scenario, Study, validate
 from harness.scenario.study import study_from
 from harness.studies.risk import draws as risk_draws
@@ -287,7 +287,7 @@ def risk_findings(rounds: Sequence[Units]) -> dict[str, Finding]:
     if told["failures"].value:
         told["probability_worst"] = Finding(min(1.0, (total + float(estimate.failed.sum())) / n))
     told["effective_sample_size"], told["weighted"] = Finding(size), Finding(n * weighted)
-    return {each.key: each.judged(told.get(each.key, Finding(None))) for each in entries_of("risk")}
+    return {e.key: e.estimate.judged(told.get(e.key, Finding(None))) for e in entries_of("risk")}
 
 
 def risk_notes(found: Findings, chance: Sequence[str], target_cv: float = 1.0) -> Iterator[Note]:
@@ -363,7 +363,7 @@ def read_risk(path: Path) -> Result:
     scenario, asked, quoted = study.cells[0].scenario, manifest["risk"], shlex.quote(str(path))
     arm = Arm(asked["arm"])
     numbers = [
-        (each.heading, Shown(found[each.key], Style(each.form, each.digits)))
+        (each.heading, Shown(found[each.key], each.style))
         for each in entries_of("risk")
         if found[each.key].value is not None or each.key == "probability"
     ]
