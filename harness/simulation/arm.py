@@ -49,7 +49,7 @@ class SimulatedArm:
     """
 
     def __init__(self, setup: Setup, session: Running, pair: int, arm: Arm) -> None:
-        self.setup, self.session, self._vehicles = setup, session, session.vehicles
+        self.setup, self.session = setup, session
         self._pair, self._arm = pair, arm
         self.passages: list[Passage] = []
         self.uses: list[ModelUse] = []
@@ -129,7 +129,7 @@ class SimulatedArm:
         Returns:
             Those that begin or end a passage, or have come onto another lane.
         """
-        vehicles = self._vehicles
+        vehicles = self.session.vehicles
         odometer, speed, lane = vehicles.odometer_m, vehicles.speed_mps, vehicles.lane
         step_s, check, due = self.session.step_s, self._control.check, list[Car]()
         for name, car in self._begun.items():
@@ -154,14 +154,14 @@ class SimulatedArm:
         for car in due:
             if self._cars.get(car.name) is car:
                 self._refresh(car)
-                if car.odometer_m >= car.next_m or self._vehicles.lane(car.name) != car.lane:
+                if car.odometer_m >= car.next_m or self.session.vehicles.lane(car.name) != car.lane:
                     self._go_on(car, time_s)
                 else:
                     self._look_later(car)
 
     def _refresh(self, car: Car) -> None:
         """Read the state of a vehicle that is not read at every step."""
-        name, vehicles = car.name, self._vehicles
+        name, vehicles = car.name, self.session.vehicles
         if name not in self._begun:
             car.odometer_m, car.speed_mps = vehicles.odometer_m(name), vehicles.speed_mps(name)
             car.acceleration_mps2 = vehicles.acceleration_mps2(name)

@@ -186,7 +186,6 @@ class Passage:
         driver: who drives, or ``sumo``.
         strategy: the strategy that drives, until the passage has ended.
         not_driven: why no strategy drives it, or None.
-        begun: whether it has passed R0.
         begin_s, first: time of its first state, and its place among those of the car; NaN and 0
             until it has begun.
         xs_m, speeds_mps: once it has ended, its states in the straight frame at every step.
@@ -204,7 +203,6 @@ class Passage:
     driver: str = "sumo"
     strategy: Strategy | None = None
     not_driven: str | None = None
-    begun: bool = False
     begin_s: float = math.nan
     first: int = 0
     xs_m: FloatArray = field(default_factory=lambda: np.empty(0))
@@ -229,6 +227,11 @@ class Passage:
         return self.car.odometer_m - self.at.first_m - self.at.crosswalk.width_m / 2
 
     @property
+    def begun(self) -> bool:
+        """Whether it has passed R0."""
+        return not math.isnan(self.begin_s)
+
+    @property
     def passed_at_m(self) -> float:
         """``x_m`` at which the rear has left."""
         return self.at.last_m - self.at.first_m - self.at.crosswalk.width_m / 2
@@ -250,8 +253,7 @@ class Passage:
 
     def begin(self, time_s: float, range_m: float) -> None:
         """Begin with the last state and R0 = ``range_m``, at the limit before the junction."""
-        self.begun, self.begin_s = True, time_s
-        facts, record = self.car.facts, self.car.record
+        self.begin_s, facts, record = time_s, self.car.facts, self.car.record
         self.first, self.limited = len(record.speeds_mps) - 1, tuple(record.limited)
         self.vehicle = replace(
             facts.vehicle,

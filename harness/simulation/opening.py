@@ -201,8 +201,7 @@ def vehicles_due(scenario: Scenario, pair: int) -> Iterator[Due]:
             due = _of_a_flow(scenario, (pair, direction, lane), flow / lanes / SECONDS_PER_HOUR)
             if traffic.saturated:
                 apart_s = max(experiment.step_s, _SATURATED * scenario.least_headway_s())
-                times = np.arange(0.0, traffic.warm_up_s + traffic.duration_s, apart_s)
-                due = iter(times.tolist())
+                due = iter(np.arange(0.0, traffic.warm_up_s + traffic.duration_s, apart_s).tolist())
             for number, time_s in enumerate(due):
                 yield Due(f"{way}-{lane}-{number}", direction, lane, time_s)
 

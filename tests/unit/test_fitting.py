@@ -26,17 +26,16 @@ def made_up(count: int = 240, seed: int = 3) -> pd.DataFrame:
     rng = np.random.default_rng(seed)
     fast = rng.random(count) < 0.4
     group = np.arange(count) // 4
+    inverse_m = np.where(fast, rng.uniform(0.02, 0.06, count), rng.uniform(0.1, 0.4, count))
+    speed_mps = np.where(fast, rng.normal(5.5, 0.5, count), rng.normal(1.5, 0.2, count))
     return pd.DataFrame(
         {
             "source": "made-up",
             "clip": "a",
             "vehicle": [f"v{code // 5}" for code in group],
             "pedestrian": [f"p{code}" for code in group],
-            "range_m": 1
-            / np.where(fast, rng.uniform(0.02, 0.06, count), rng.uniform(0.1, 0.4, count)),
-            "vehicle_speed_mps": np.where(
-                fast, rng.normal(5.5, 0.5, count), rng.normal(1.5, 0.2, count)
-            ),
+            "range_m": 1 / inverse_m,
+            "vehicle_speed_mps": speed_mps,
             "pedestrian_speed_mps": rng.normal(1.3, 0.15, count),
             "time_advantage_s": rng.uniform(1.5, 6.0, count),
         }
@@ -160,10 +159,9 @@ def test_more_workers_change_no_bit(fitted):
     for one, other in zip(serial.candidates, parallel.candidates, strict=True):
         assert one.fit.bic == other.fit.bic
         np.testing.assert_array_equal(one.scores["held_out"], other.scores["held_out"])
-        np.testing.assert_array_equal(one.fit.mixture.locations, other.fit.mixture.locations)
-        np.testing.assert_array_equal(
-            one.fit.mixture.scale_matrices, other.fit.mixture.scale_matrices
-        )
+        a, b = one.fit.mixture, other.fit.mixture
+        np.testing.assert_array_equal(a.locations, b.locations)
+        np.testing.assert_array_equal(a.scale_matrices, b.scale_matrices)
 
 
 def test_held_out_scores_are_near_the_truth_and_cover_every_vehicle(fitted):
@@ -181,18 +179,15 @@ def test_held_out_scores_come_from_fits_without_the_vehicle():
     rows = made_up()
     # One vehicle whose walkers are unlike all others, over a range that no other fit expects.
     odd = rows["vehicle"] == "v3"
-    rows.loc[odd, "pedestrian_speed_mps"] = 2.6 + 0.05 * np.random.default_rng(0).normal(
-        size=int(odd.sum())
-    )
+    noise = np.random.default_rng(0).normal(size=int(odd.sum()))
+    rows.loc[odd, "pedestrian_speed_mps"] = 2.6 + 0.05 * noise
     sample = make_sample(rows)
     calibration = fit(sample, FitSettings((2,), starts=2, folds=4))
     scores = np.divide(*calibration.chosen.scores["held_out"])
     number = sample.vehicle[np.flatnonzero(odd)[0]]
-    own = log_scores(calibration.chosen.fit.mixture, sample.data, "held_out")[
-        sample.vehicle == number
-    ]
+    logs = log_scores(calibration.chosen.fit.mixture, sample.data, "held_out")
     assert scores[number] < -20
-    assert own.mean() > scores[number] + 10
+    assert logs[sample.vehicle == number].mean() > scores[number] + 10
 
 
 def test_copies_are_counted_warned_of_and_kept_in_one_fold():

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
+from scipy.optimize import minimize
+from scipy.stats import multivariate_normal, truncnorm
 
 from harness.core.errors import InputError
 from harness.model.mixture.distribution import TruncatedGaussianMixture
@@ -19,17 +20,11 @@ def rows():
     return truth().sample(1500, np.random.default_rng(21))
 
 
-@pytest.fixture(scope="module")
-def fitted(rows):
-    return fit_mixture(rows, 3, truth().lower, truth().upper, Search(1, starts=1, tol=1e-9))
-
-
 def test_without_bounds_it_ends_where_scikit_learn_ends(rows):
     mixtures = pytest.importorskip("sklearn.mixture")
     standard = (rows - rows.mean(axis=0)) / rows.std(axis=0)
-    other = mixtures.GaussianMixture(
-        3, reg_covar=0.0, tol=1e-10, n_init=10, max_iter=5000, random_state=1
-    ).fit(standard)
+    tight = {"reg_covar": 0.0, "tol": 1e-10, "n_init": 10, "max_iter": 5000, "random_state": 1}
+    other = mixtures.GaussianMixture(3, **tight).fit(standard)
     free = np.full(4, INF)
     found = fit_mixture(standard, 3, -free, free, Search(1))
     assert found.log_likelihood >= other.score(standard) * len(rows) - 1e-4
@@ -39,7 +34,8 @@ def test_without_bounds_it_ends_where_scikit_learn_ends(rows):
     assert Coordinates(likelihood, at).gradient()[1] < 1e-4
 
 
-def test_likelihood_ends_at_the_reported_one(rows, fitted):
+def test_likelihood_ends_at_the_reported_one(rows):
+    fitted = fit_mixture(rows, 3, truth().lower, truth().upper, Search(1, starts=1, tol=1e-9))
     assert fitted.converged
     plain = fitted.mixture.logpdf(rows).sum()
     assert fitted.log_likelihood == pytest.approx(plain, rel=1e-10)
@@ -64,8 +60,7 @@ def test_gradient_the_steps_follow_is_the_slope_of_the_density(rows):
     for i, step in enumerate(1e-5 * np.eye(z.size)):
         slope = (objective(z + step) - objective(z - step)) / 2e-5
         assert gradient[i] == pytest.approx(slope, abs=2e-4 * np.abs(gradient).max()), i
-    zero = np.zeros(z.size)
-    np.testing.assert_allclose(coordinates.normals(zero).scales, box.scale_matrices, atol=1e-9)
+    np.testing.assert_allclose(coordinates.normals(0 * z).scales, box.scale_matrices, atol=1e-9)
 
 
 def test_the_end_of_every_fit_has_next_to_no_gradient(rows):
@@ -89,8 +84,7 @@ def test_a_scale_at_its_floor_that_would_grow_is_no_maximum():
 
 
 def test_weights_count_as_repeated_rows(rows):
-    box = truth()
-    chosen = rows[:400]
+    box, chosen = truth(), rows[:400]
     counts = np.random.default_rng(0).integers(0, 4, 400)
     found = fit_mixture(chosen, 1, box.lower, box.upper, Search(1, starts=1), sample_weight=counts)
     plain = counts @ found.mixture.logpdf(chosen)
@@ -99,12 +93,8 @@ def test_weights_count_as_repeated_rows(rows):
 
 def test_one_truncated_variable_against_direct_maximisation():
     """K = 1, d = 1: scipy maximises the same penalised likelihood from its own formulas."""
-    from scipy.optimize import minimize
-    from scipy.stats import truncnorm
-
-    x = truncnorm.rvs(
-        -0.5, 1.5, loc=1.0, scale=2.0, size=800, random_state=np.random.default_rng(6)
-    )
+    rng = np.random.default_rng(6)
+    x = truncnorm.rvs(-0.5, 1.5, loc=1.0, scale=2.0, size=800, random_state=rng)
 
     def negative(theta):
         m, s = theta[0], np.exp(theta[1])
@@ -112,12 +102,8 @@ def test_one_truncated_variable_against_direct_maximisation():
         mass = multivariate_normal.cdf(b) - multivariate_normal.cdf(a)
         return -(truncnorm.logpdf(x, a, b, loc=m, scale=s).sum() + np.log(mass))
 
-    best = minimize(
-        negative,
-        [1.0, 0.5],
-        method="Nelder-Mead",
-        options={"xatol": 1e-9, "fatol": 1e-10, "maxiter": 4000},
-    )
+    tight: dict = {"options": {"xatol": 1e-9, "fatol": 1e-10, "maxiter": 4000}}
+    best = minimize(negative, [1.0, 0.5], method="Nelder-Mead", **tight)
     found = fit_mixture(x[:, None], 1, [0.0], [4.0], Search(1, starts=1, tol=1e-10))
     penalised = found.log_likelihood + np.log(found.mixture.masses).sum()
     assert penalised == pytest.approx(-best.fun, abs=1e-6)
