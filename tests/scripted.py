@@ -124,7 +124,9 @@ class Scripted:
         return vehicle in self._followers
 
 
-def setup_of(limit_mps: float = 10.0, counted_s: Any = (0.0, math.inf), **sections: Any) -> Setup:
+def setup_of(
+    model: Any, limit_mps: float = 10.0, counted_s: Any = (0.0, math.inf), **sections: Any
+) -> Setup:
     """A simulation of 40 s with both crosswalks, in Euler's steps; vehicles are AVs."""
     bounds = zip(LANES, pairwise([*LANES.values(), 256.0]), strict=True)
     lanes = {n: Lane(n, ((a, 0.0), (b, 0.0)), b - a, limit_mps, 3.2) for n, (a, b) in bounds}
@@ -144,12 +146,12 @@ def setup_of(limit_mps: float = 10.0, counted_s: Any = (0.0, math.inf), **sectio
     config = SumoConfig(Path("town.sumocfg"), {"end": f"{STEPS * STEP_S}"})
     chosen = {name: walks[name] for name in scene.known_simulation.crossings}
     town = Town(walks, ways, lanes)
-    return Setup(scene, config, town, chosen, scene.known_simulation, *counted_s)
+    return Setup(scene, model, config, town, chosen, scene.known_simulation, *counted_s)
 
 
 def played(session: Scripted, model: Any, arm: Arm = Arm.AV, **of: Any) -> SimulatedArm:
     """An arm of pair 0, simulated to the end; ``of``: see ``setup_of``."""
-    running = SimulatedArm(setup_of(**of), session, 0, arm, model)
+    running = SimulatedArm(setup_of(model, **of), session, 0, arm)
     running.run()
     return running
 
