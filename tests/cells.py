@@ -37,6 +37,7 @@ FAILED |= {"steps": None, "pedestrians": None, "arrivals": None}
 WALKER = {"side": "near", "start_lateral_m": 4.0, "speed_mps": 1.4, "impact_share": 0.5}
 TIMED = {"pedestrians__timed": [WALKER], "pedestrians__first_at_trigger": False}
 TIMED |= {"pedestrians__flow_per_hour": 0.0, "pedestrians__max_count": None}
+TIMED |= {"pedestrians__kerb_wait_s": 2.0}
 """Changes to a cell in which one person comes, in every pair at the same time."""
 
 NOBODY = {"pass_time_s": FREE_S, "pedestrians": 0, "arrivals": 0, "pedestrian_delay_s": None}

@@ -26,7 +26,7 @@ from harness.results.place import name_of, place_in_words
 from harness.results.result import Result
 from harness.results.tables import COUNTED, TABLES_OF, RunKind
 from harness.scenario import Scenario, Study, study_from
-from harness.scenario.file import apply_setting, as_settings, parts_of, validate
+from harness.scenario.file import ScenarioFile, as_settings, parts_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -199,9 +199,9 @@ def load_run(path: Path | str, settings: Mapping[str, Any] | None = None) -> Run
         if parts_of(each)[0] != "conflicts" or each.key in manifest["cells"][0]:
             allowed = "thresholds of [conflicts] that are not swept; another run has the others"
             raise InputError(inside(each.source, each.key), "cannot change after a run", allowed)
-        apply_setting(asked["scenario"], each)
     where = str(path / folders.MANIFEST)
-    validate(asked["scenario"], where, {each.key: each.source for each in given})
+    file = ScenarioFile("", where, manifest["scenario"], None, given, path)
+    asked["scenario"] = file.cell().model_dump()
     study = study_from(asked, where)
     stored = None if settings else folders.read_findings(path, manifest, study.cells)
     finished = folders.is_finished(path)  # a run may end while its parts are read

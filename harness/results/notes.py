@@ -142,13 +142,6 @@ def _few_pairs(cell: CellFindings) -> Iterator[Said]:
         yield Said(f"{text}missing.", f"Needed: {least}.{bias}", -min(few))
 
 
-def _idle_flow(cell: CellFindings) -> Iterator[Said]:
-    people = cell.scenario.pedestrians
-    flows = "pedestrians.flow_per_hour" in cell.varied
-    if flows and people.first_at_trigger and people.max_count == 1:
-        yield Said("λ changes nothing: the only pedestrian comes at the trigger.")
-
-
 def _opposite(cell: CellFindings) -> Iterator[Said]:
     ratio = cell["time_ratio"].value
     if ratio is not None and (text := opposite(cell.scenario, ratio)):
@@ -311,7 +304,6 @@ RULES: tuple[Rule, ...] = (
     Rule("selected", "selected pairs", _selected),
     Rule("few_pairs", "few pairs", _few_pairs, _few_simulations),
     Rule("opposite", "another reference disagrees", _opposite),
-    Rule("idle_flow", "λ changes nothing", _idle_flow),
     Rule("collisions", "collisions of vehicles", None, _collisions),
     Rule("fills", "roads fill", None, _fills),
     Rule("who_drove", "SUMO drove", None, _who_drove),

@@ -1,34 +1,22 @@
 """A scenario in; the refusal of keys that contradict each other, or have no effect, out.
 
-Every function raises ``InputError`` at the dotted key to change; ``validate`` says which file or
-option gave it.  What the checks have to know of a single key is a ``Mark`` in its annotation.
+Every function raises ``InputError`` at the dotted key to change; ``located`` says which file or
+option gave it.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from harness.core.errors import InputError, unknown_name
 from harness.core.seeding import SUMO_SEEDS_APART
-from harness.core.vocabulary import (
-    PEDESTRIAN_RADIUS_M,
-    ROUNDING,
-    SECONDS_PER_HOUR,
-    Arm,
-    Crossing,
-    Side,
-)
-from harness.scenario.pedestrians import PedestriansSection
+from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, ROUNDING, SECONDS_PER_HOUR, Arm, Side
 from harness.scenario.scenario import Scenario, path_of
-from harness.scenario.sections import BEFORE_CROSSWALK_M, MAX_BEFORE_KERB_M, Mark, Section, marked
+from harness.scenario.sections import BEFORE_CROSSWALK_M, MAX_BEFORE_KERB_M, SUMO_DRIVER, effects
 from harness.scenario.traffic import TrafficSection
 
-SUMO_DRIVER = "sumo_driver"
-"""The strategy that leaves the driving to SUMO."""
 PROGRAM = "exec:"
 """How the name of a strategy in another process begins."""
 
-_OF_A_CONFIGURATION = {"crossing": "network", "ego": "vehicle types", "experiment": "times"}
-"""Sections that a SUMO configuration defines, but for keys with a mark, and by what."""
 
 _STEP_ROUNDING = 1e-6
 """A time is a whole number of steps up to this part of a step."""
@@ -38,20 +26,13 @@ def check_consistency(scenario: Scenario) -> None:
     """Refuse a scenario whose keys do not fit together, although each single key was accepted."""
     ego, crossing, step_s = scenario.ego, scenario.crossing, scenario.experiment.step_s
     _check_drivers(scenario)
-    own_s = None if scenario.simulation is None else scenario.simulation.step_s
-    for key, each_s in (("experiment.step_s", step_s), ("simulation.step_s", own_s)):
-        if each_s is not None and abs(each_s * 1000 - round(each_s * 1000)) > ROUNDING:
-            raise InputError(key, f"{each_s!r} s", "whole milliseconds, SUMO's resolution")
-    if scenario.kind == "simulations":
-        for key in scenario.pedestrians.changed(marked(PedestriansSection, Mark.TRIGGERED)):
-            problem = "is not supported in simulations: no vehicle has a trigger"
-            raise InputError(f"pedestrians.{key}", problem, "none")
-        if (pairs := scenario.experiment.pairs) > SUMO_SEEDS_APART:
-            problem = f"SUMO's seeds of {pairs:,} pairs are also those of the next experiment.seed"
-            raise InputError("experiment.pairs", problem, f"at most {SUMO_SEEDS_APART:,}")
+    if scenario.kind == "simulations" and scenario.experiment.pairs > SUMO_SEEDS_APART:
+        pairs = f"{scenario.experiment.pairs:,}"
+        problem = f"SUMO's seeds of {pairs} pairs are also those of the next experiment.seed"
+        raise InputError("experiment.pairs", problem, f"at most {SUMO_SEEDS_APART:,}")
+    _check_pedestrians(scenario)
     if scenario.simulation is not None:
         _check_simulation(scenario)
-        _check_pedestrians(scenario)
         return
     if (crossing.latitude_deg is None) is not (crossing.longitude_deg is None):
         missing = "latitude_deg" if crossing.latitude_deg is None else "longitude_deg"
@@ -62,19 +43,35 @@ def check_consistency(scenario: Scenario) -> None:
         problem = f"{ego.trigger_range_m:g} m is on or too close to the crosswalk"
         allowed = f"at least crossing.width_m / 2 + {BEFORE_CROSSWALK_M:g} = {nearest:g} m"
         raise InputError("ego.trigger_range_m", problem, allowed)
-    _check_pedestrians(scenario)
-    check_steps("experiment.timeout_s", scenario.experiment.timeout_s, step_s, 1)
     check_perception(scenario)
+    _check_grade(scenario)
     if scenario.traffic is not None:
         _check_traffic(scenario, scenario.traffic)
+        return
+    check_steps("experiment.timeout_s", scenario.experiment.timeout_s, step_s, 1)
     _check_obstacles(scenario)
-    _check_grade(scenario)
     # Every episode would time out, and the worst case of μ would be below its value.
     free_pass_s = scenario.vehicle().free_pass_time_s(scenario.crosswalk())
     if scenario.experiment.timeout_s < free_pass_s - ROUNDING:
         problem = f"{scenario.experiment.timeout_s:g} s is shorter than a free pass"
         allowed = f"at least {free_pass_s:.4g} s, the time to pass at ego.initial_speed_mps"
         raise InputError("experiment.timeout_s", problem, allowed)
+
+
+def check_effects(scenarios: Iterable[Scenario]) -> None:
+    """Refuse a key that has no effect in any of the scenarios in which it is set.
+
+    A key is set if its value is not its default.
+
+    Raises:
+        InputError: at the first such key.
+    """
+    found = dict[str, InputError | None]()
+    for scenario in scenarios:
+        for key, refusal in effects(scenario, scenario):
+            found[key] = refusal and found.get(key, refusal)
+    for refusal in filter(None, found.values()):
+        raise refusal
 
 
 def check_steps(key: str, time_s: float, step_s: float, fewest: int = 0) -> None:
@@ -106,13 +103,14 @@ def _check_lanes(scenario: Scenario) -> None:
     if ego.lane >= crossing.lanes:
         problem = f"there is no lane {ego.lane}; lanes are counted from 0 at the near kerb"
         raise InputError("ego.lane", problem, f"below crossing.lanes = {crossing.lanes}")
-    _check_fits(scenario.crosswalk(), scenario)
+    _check_fits(scenario, ego.lane)
 
 
-def _check_fits(lane: Crossing, scenario: Scenario) -> None:
+def _check_fits(scenario: Scenario, lane: int) -> None:
     """Refuse a vehicle that is too wide for its lane, or for pedestrians who wait next to it."""
-    beside_m = min(map(lane.to_lane_m, Side)) - PEDESTRIAN_RADIUS_M
-    most_m = max(0.0, min(lane.lane_width_m, 2 * beside_m))
+    crosswalk = scenario.crosswalk(lane)
+    beside_m = min(map(crosswalk.to_lane_m, Side)) - PEDESTRIAN_RADIUS_M
+    most_m = max(0.0, min(crosswalk.lane_width_m, 2 * beside_m))
     width_m = scenario.ego.width_m
     if width_m > most_m + ROUNDING:
         allowed = f"at most {most_m:.4g} m: its lane, and {PEDESTRIAN_RADIUS_M:g} m to a kerb"
@@ -154,44 +152,30 @@ def _check_drivers(scenario: Scenario) -> None:
 
 def _check_traffic(scenario: Scenario, traffic: TrafficSection) -> None:
     """Refuse flows above capacity and times that are not whole steps."""
-    step_s = scenario.experiment.step_s
-    if scenario.crossing.obstacles:
-        raise InputError("crossing.obstacles", "hide nobody in simulations", "an encounter")
+    road, step_s = scenario.crossing, scenario.experiment.step_s
     if traffic.tau_s < step_s:
         why = f"{traffic.tau_s:g} s: vehicles would collide with each other"
         raise InputError("traffic.tau_s", why, f"at least experiment.step_s = {step_s:g} s")
     for key in ("duration_s", "warm_up_s"):
         check_steps(f"traffic.{key}", getattr(traffic, key), step_s)
-    for key, oncoming in (("flow_per_hour", False), ("oncoming_per_hour", True)):
-        lanes = scenario.crosswalk_from_lanes(oncoming=oncoming)
-        if traffic.has_vehicles(oncoming=oncoming):
-            for lane in lanes:
-                _check_fits(lane, scenario)
-        if not traffic.saturated:  # in saturated traffic the flows have no effect
-            _check_flow(getattr(traffic, key), len(lanes), scenario, f"traffic.{key}")
-
-
-def _check_flow(flow_per_hour: float, lanes: int, scenario: Scenario, key: str) -> None:
-    most = lanes * SECONDS_PER_HOUR / scenario.least_headway_s()
-    if flow_per_hour >= most and flow_per_hour > 0:
-        problem = f"{flow_per_hour:g} vehicles per hour on {lanes} lanes"
-        below = f"below {most:.4g}: lanes × 3600 s / (tau_s + (length + min_gap_m)/v0)"
-        allowed = below if lanes else "0, for there is no lane"
-        raise InputError(key, problem, allowed)
+    for key, lanes in (("flow_per_hour", road.lanes), ("oncoming_per_hour", road.oncoming_lanes)):
+        flow_per_hour = getattr(traffic, key)
+        for lane in range(lanes if traffic.saturated or flow_per_hour else 0):
+            _check_fits(scenario, lane)
+        most = lanes * SECONDS_PER_HOUR / scenario.least_headway_s()
+        if flow_per_hour >= most and flow_per_hour > 0 and not traffic.saturated:
+            problem = f"{flow_per_hour:g} vehicles per hour on {lanes} lanes"
+            below = f"below {most:.4g}: lanes × 3600 s / (tau_s + (length + min_gap_m)/v0)"
+            allowed = below if lanes else "0, for there is no lane"
+            raise InputError(f"traffic.{key}", problem, allowed)
 
 
 def _check_simulation(scenario: Scenario) -> None:
-    """Refuse keys that the configuration defines."""
+    """Refuse a table and times that do not fit to a configuration's."""
     simulation = scenario.known_simulation
     if scenario.traffic is not None:
         problem = "cannot be combined with [simulation], whose demand is the configuration's"
         raise InputError("traffic", problem, "one of the two")
-    for name, what in _OF_A_CONFIGURATION.items():
-        section: Section = getattr(scenario, name)
-        kept = marked(type(section), Mark.SIMULATED)
-        for key in section.changed(sorted(type(section).model_fields.keys() - kept)):
-            problem = f"cannot be combined with [simulation], which has its own {what}"
-            raise InputError(f"{name}.{key}", problem, ", ".join(kept) or "simulation.crossings")
     begin_s, end_s = simulation.begin_s, simulation.end_s
     if begin_s is not None and end_s is not None and end_s <= begin_s:
         allowed = f"after simulation.begin_s = {begin_s:g} s"

@@ -7,7 +7,8 @@ defaults.  Users name a key by its dotted path (``pedestrians.flow_per_hour``).
 import math
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -18,7 +19,7 @@ from harness.core.errors import InputError, Parameter, Place, brief, checked, in
 from harness.core.files import read_file, shipped_directory
 from harness.core.freezing import Frozen, frozen
 from harness.core.vocabulary import SECONDS_PER_HOUR
-from harness.scenario.consistency import check_consistency
+from harness.scenario.consistency import check_consistency, check_effects
 from harness.scenario.scenario import Scenario
 
 UNITS = MappingProxyType(
@@ -61,22 +62,54 @@ class ScenarioFile(Frozen):
     settings: tuple[Setting, ...]
     folder: Path
 
-    def scenario(self, more: Sequence[Setting] = ()) -> Scenario:
-        """The checked scenario with all settings applied; later settings replace earlier ones.
+    def scenario(self) -> Scenario:
+        """The scenario with all settings applied; each key that is set has an effect.
+
+        Raises:
+            InputError: a key or value is not accepted, or a key has no effect.
+        """
+        scenario = self.cell()
+        with self.located():
+            check_effects([scenario])
+        return scenario
+
+    @contextmanager
+    def located(self, more: Sequence[Setting] = ()) -> Iterator[None]:
+        """Put the file or setting before the key at which ``InputError`` is raised in the block.
+
+        Args:
+            more: settings besides the file's.
+        """
+        try:
+            yield
+        except InputError as error:
+            key, sources = error.where, {each.key: each.source for each in (*self.settings, *more)}
+            # The setting of the key, or of an array that contains it, or of a key of the table.
+            over = [full for full in sources if f"{key}.".startswith(f"{full}.")]
+            named = over or [full for full in sources if full.startswith(f"{key}.")]
+            if not named:
+                raise error.at(f"{self.source}: {key}") from None
+            raise error.at(inside(sources[named[-1]], key if over else named[-1])) from None
+
+    def cell(self, more: Sequence[Setting] = ()) -> Scenario:
+        """The scenario with all settings applied; later settings replace earlier ones.
+
+        It is one of a study's: keys without effect are refused for all of them together.
 
         Raises:
             InputError: a key or value is not accepted.
         """
         tree = as_plain(self.tree)
-        sources = dict[str, Place]()
         for setting in (*self.settings, *more):
             apply_setting(tree, setting)
             if tuple(parts_of(setting)) in _PATHS:
                 # An option's path is relative to the shell's folder, a file's to the file's.
                 in_file = str(setting.source).startswith(f"{self.source}:")
                 _anchor_paths(tree, self.folder if in_file else Path.cwd())
-            sources[setting.key] = setting.source
-        return validate(tree, self.source, sources)
+        with self.located(more):
+            scenario = check_form(Scenario, _in_si(tree), "")
+            check_consistency(scenario)
+        return scenario
 
 
 Settings = Sequence[Setting] | Mapping[str, Any]
@@ -170,28 +203,14 @@ def toml_value(text: str) -> Any:
         return text.strip()
 
 
-def validate(
-    tree: Mapping[str, Any], source: str, key_sources: Mapping[str, Place] | None = None
-) -> Scenario:
+def validate(tree: Mapping[str, Any], source: str) -> Scenario:
     """Check a tree of keys and values; the first mistake becomes an ``InputError``.
 
     Args:
         tree: nested tables as read from TOML.
         source: name of the file in messages.
-        key_sources: the source of every key that is not from the file.
     """
-    try:
-        scenario = check_form(Scenario, _in_si(dict(tree)), "")
-        check_consistency(scenario)
-    except InputError as error:
-        key, sources = error.where, key_sources or {}
-        # The setting of the key, or of an array that contains it, or of a key of the table.
-        over = [full for full in sources if f"{key}.".startswith(f"{full}.")]
-        named = over or [full for full in sources if full.startswith(f"{key}.")]
-        if not named:
-            raise error.at(f"{source}: {key}") from None
-        raise error.at(inside(sources[named[-1]], key if over else named[-1])) from None
-    return scenario
+    return ScenarioFile("", source, tree, None, (), Path()).cell()
 
 
 def parts_of(setting: Setting) -> list[str]:

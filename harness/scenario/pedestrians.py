@@ -12,10 +12,20 @@ from harness.core.documents import NonNegative, Positive, Share, as_plain
 from harness.core.freezing import frozen
 from harness.core.seeding import Purpose
 from harness.core.vocabulary import Behaviour
-from harness.scenario.sections import Flow, Mark, Section
+from harness.scenario.sections import ENCOUNTERS, Flow, Only, Section
 
 SLOWEST_MPS = 0.3
 """Least walking speed that is drawn from ``[pedestrians.walking_speed]``."""
+
+
+_GAPS = Only("with behaviour gap_acceptance", lambda s: s.pedestrians.behaviour == "gap_acceptance")
+_KERB = Only("with another behaviour than gap_acceptance", lambda s: not _GAPS.holds(s))
+_THRESHOLDS = Only("with behaviour threshold", lambda s: s.pedestrians.behaviour == "threshold")
+_COME = Only(
+    "with flow_per_hour or first_at_trigger, beside timed people or SUMO's",
+    lambda s: s.pedestrians.anyone_comes or not (s.pedestrians.timed or s.simulation),
+)
+_MORE = Only("if max_count lets more come than the first", lambda s: s.pedestrians.more_come)
 
 
 class TimedSection(Section):
@@ -40,11 +50,11 @@ class TimedSection(Section):
 class GapAcceptanceSection(Section):
     """``[pedestrians.gap_acceptance]``: the distribution of critical gaps."""
 
-    distribution: Literal["lognormal", "logistic"] = "lognormal"
+    distribution: Annotated[Literal["lognormal", "logistic"], _GAPS] = "lognormal"
     """Family of the distribution of critical gaps."""
-    mean_s: Positive = 4.0
+    mean_s: Annotated[Positive, _GAPS] = 4.0
     """Mean of the critical gaps."""
-    std_s: NonNegative = 2.5
+    std_s: Annotated[NonNegative, _GAPS] = 2.5
     """Standard deviation of the critical gaps."""
 
 
@@ -52,6 +62,8 @@ LogMean = Annotated[float, Field(ge=-10, le=10)]
 """The mean of a logarithm."""
 LogSpread = Annotated[float, Field(ge=0, le=5)]
 """The standard deviation of a logarithm."""
+Shares = Annotated[tuple[Share, ...], Field(strict=False, min_length=1)]
+"""The shares of the groups of 1, 2, 3 … pedestrians."""
 WalkingMean = Annotated[float, Field(ge=0.5, le=3)]
 """The mean of walking speeds, in m/s."""
 WalkingSpread = Annotated[float, Field(gt=0, le=1)]
@@ -65,24 +77,24 @@ class ThresholdSection(Section):
     (Computational Brain & Behavior 5).
     """
 
-    log_mean: LogMean = 1.430
+    log_mean: Annotated[LogMean, _THRESHOLDS] = 1.430
     """Mean of ln θ, with the threshold θ in s; the median of θ is 4.18 s."""
-    log_sd: LogSpread = 0.405
+    log_sd: Annotated[LogSpread, _THRESHOLDS] = 0.405
     """Standard deviation of ln θ."""
-    factor: Annotated[float, Field(gt=0, le=10)] = 1.0
+    factor: Annotated[float, Field(gt=0, le=10), _THRESHOLDS] = 1.0
     """Factor on every threshold: 1 as measured at a road without a marked crosswalk; below 1 people
     are bolder."""
-    latency_log_mean: LogMean = 0.0166
+    latency_log_mean: Annotated[LogMean, _THRESHOLDS] = 0.0166
     """Mean of ln l, with the latency l in s from decision to first step; the median of l is 1.02
     s."""
-    latency_log_sd: LogSpread = 0.604
+    latency_log_sd: Annotated[LogSpread, _THRESHOLDS] = 0.604
     """Standard deviation of ln l."""
-    distance_weight: NonNegative = 0.252
+    distance_weight: Annotated[NonNegative, _THRESHOLDS] = 0.252
     """c_d: weight of the distance, expressed as the time at 50 km/h, against the time to
     arrival."""
-    slowing_weight_s: NonNegative = 1.40
+    slowing_weight_s: Annotated[NonNegative, _THRESHOLDS] = 1.40
     """c_b: how much a vehicle that slows down is preferred."""
-    passed_s: NonNegative = 0.373
+    passed_s: Annotated[NonNegative, _THRESHOLDS] = 0.373
     """c_p: a vehicle whose time to arrival is shorter counts as past."""
 
 
@@ -130,7 +142,7 @@ class WalkingSpeedSection(Section):
     It is truncated at ``SLOWEST_MPS``; mean and standard deviation are those before truncation.
     """
 
-    mean_mps: WalkingMean
+    mean_mps: Annotated[WalkingMean, _COME]
     """Mean before truncation at ``SLOWEST_MPS``."""
     std_mps: WalkingSpread = 0.25
     """Standard deviation before truncation."""
@@ -156,23 +168,23 @@ _MARKS: Mapping[Behaviour, tuple[Purpose, ...]] = {
 class PedestriansSection(Section):
     """``[pedestrians]``: the flow of pedestrians, their kerbs, decisions and walking speeds."""
 
-    flow_per_hour: Flow = 250.0
+    flow_per_hour: Annotated[Flow, _MORE] = 250.0
     """λ, pedestrians per hour from both kerbs together; with ``[simulation]``, if not given, 0."""
-    group_size: Annotated[tuple[Share, ...], Field(strict=False, min_length=1)] = (1.0,)
+    group_size: Annotated[Shares, _COME, _MORE] = (1.0,)
     """Shares of the groups that have 1, 2, 3 … pedestrians; they sum to 1."""
-    max_count: Annotated[int, Field(ge=0)] | None = None
+    max_count: Annotated[Annotated[int, Field(ge=0)] | None, _COME] = None
     """Greatest number of pedestrians; if not given, there is no limit."""
-    first_at_trigger: Annotated[bool, Mark.TRIGGERED] = False
+    first_at_trigger: Annotated[bool, ENCOUNTERS] = False
     """Whether the first pedestrian or group arrives at the kerb at t = 0."""
-    near_side_share: Share = 0.5
+    near_side_share: Annotated[Share, _COME] = 0.5
     """Share of pedestrians or groups that come from the near kerb (in `[simulation]`: from the
     begin of the crosswalk's axis)."""
-    behaviour: Behaviour = "constant"
+    behaviour: Annotated[Behaviour, _COME] = "constant"
     """Rule by which pedestrians decide and walk (docs/method.md)."""
-    kerb_wait_s: NonNegative = Field(default_factory=_kerb_wait_s)
+    kerb_wait_s: Annotated[NonNegative, _COME, _KERB] = Field(default_factory=_kerb_wait_s)
     """Nobody steps off if a vehicle that does not stop would reach the crosswalk within this time;
     if not given, 0 with behaviour ``threshold``."""
-    warm_up_s: Annotated[float, Field(ge=0, le=3600), Mark.TRIGGERED] = 0.0
+    warm_up_s: Annotated[float, Field(ge=0, le=3600), ENCOUNTERS, _COME] = 0.0
     """The flow begins this long before the trigger; must be 0 with ``[traffic]``."""
     gap_acceptance: GapAcceptanceSection = GapAcceptanceSection()
     """Critical gaps, with behaviour ``gap_acceptance``."""
@@ -180,17 +192,23 @@ class PedestriansSection(Section):
     """Thresholds and latencies, with behaviour ``threshold``."""
     walking_speed: WalkingSpeedSection | None = None
     """Normal distribution of walking speeds; if not given, the interaction model gives them."""
-    timed: Annotated[tuple[TimedSection, ...], Field(strict=False), Mark.TRIGGERED] = ()
+    timed: Annotated[tuple[TimedSection, ...], Field(strict=False), ENCOUNTERS] = ()
     """Pedestrians timed so that a car that never brakes hits them."""
-    timed_case: Annotated[str | None, Mark.TRIGGERED] = None
+    timed_case: str | None = None
     """``name`` of the timed pedestrians to simulate; if not given, all of ``timed``."""
-    drawn: Annotated[tuple[DrawnSection, ...], Field(strict=False), Mark.TRIGGERED] = ()
+    drawn: Annotated[tuple[DrawnSection, ...], Field(strict=False), ENCOUNTERS] = ()
     """Pedestrians of each pair by their uniforms; ``harness risk`` writes them."""
 
     @property
     def anyone_comes(self) -> bool:
         """Whether anybody comes apart from timed and drawn pedestrians."""
         return (self.flow_per_hour > 0 or self.first_at_trigger) and self.max_count != 0
+
+    @property
+    def more_come(self) -> bool:
+        """Whether ``max_count`` lets more come than the first at the trigger."""
+        most = self.max_count
+        return most is None or most > self.first_at_trigger or self.warm_up_s > 0
 
     @property
     def marks(self) -> tuple[Purpose, ...]:

@@ -10,21 +10,8 @@ from pydantic import AfterValidator, Field, JsonValue, PlainSerializer, model_va
 from harness.core.documents import as_plain
 from harness.core.freezing import frozen
 from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, ROUNDING, Arm, Crossing, Leg, Side, Vehicle
+from harness.scenario import sections
 from harness.scenario.pedestrians import PedestriansSection, TimedSection
-from harness.scenario.sections import (
-    ActuationSection,
-    ArmsSection,
-    ConflictsSection,
-    CrossingSection,
-    EgoSection,
-    ExperimentSection,
-    ModelSection,
-    ObstacleSection,
-    PerceptionSection,
-    Section,
-    SimulationSection,
-    on_road,
-)
 from harness.scenario.traffic import TrafficSection
 
 _Tables = Annotated[
@@ -32,22 +19,22 @@ _Tables = Annotated[
 ]
 
 
-class Scenario(Section):
+class Scenario(sections.Section):
     """One complete experiment: a run needs nothing else."""
 
-    crossing: CrossingSection = CrossingSection()
-    ego: EgoSection = EgoSection()
+    crossing: sections.CrossingSection = sections.CrossingSection()
+    ego: sections.EgoSection = sections.EgoSection()
     pedestrians: PedestriansSection = PedestriansSection()
-    perception: PerceptionSection = PerceptionSection()
-    actuation: ActuationSection = ActuationSection()
-    model: ModelSection = ModelSection()
-    arms: ArmsSection = ArmsSection()
+    perception: sections.PerceptionSection = sections.PerceptionSection()
+    actuation: sections.ActuationSection = sections.ActuationSection()
+    model: sections.ModelSection = sections.ModelSection()
+    arms: sections.ArmsSection = sections.ArmsSection()
     strategies: _Tables = Field(default_factory=lambda: frozen({}))
     """Parameters of each strategy, by the strategy's name."""
-    conflicts: ConflictsSection = ConflictsSection()
-    experiment: ExperimentSection = ExperimentSection()
+    conflicts: sections.ConflictsSection = sections.ConflictsSection()
+    experiment: sections.ExperimentSection = sections.ExperimentSection()
     traffic: TrafficSection | None = None
-    simulation: SimulationSection | None = None
+    simulation: sections.SimulationSection | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -65,7 +52,7 @@ class Scenario(Section):
         return self.traffic
 
     @property
-    def known_simulation(self) -> SimulationSection:
+    def known_simulation(self) -> sections.SimulationSection:
         """The ``[simulation]`` table of a scenario that is known to have one."""
         assert self.simulation is not None
         return self.simulation
@@ -95,20 +82,19 @@ class Scenario(Section):
 
         With a driver the vehicle obeys as late as that driver's does.
         """
-        limited = on_road(_vehicle(self.ego), self.crossing, oncoming=oncoming)
-        return self.late(limited, driver)
+        values = self.ego.model_dump(exclude={"lane"})
+        if values["detection_range_m"] is None:
+            values["detection_range_m"] = values["trigger_range_m"]
+        vehicle = sections.on_road(Vehicle(**values), self.crossing, oncoming=oncoming)
+        if driver is None or not self.actuation.applies_to(driver):
+            return vehicle
+        return replace(vehicle, **self.actuation.model_dump(exclude={"human"}))
 
     def mirrored(self) -> "Scenario":
         """The scenario in which people of the near kerb come from the far one, and vice versa."""
         people = self.pedestrians
         exchanged = people.model_copy(update={"near_side_share": 1 - people.near_side_share})
         return self.model_copy(update={"pedestrians": exchanged})
-
-    def late(self, vehicle: Vehicle, driver: Arm | None) -> Vehicle:
-        """A vehicle with the dead time, lag and jerk of a driver's vehicle."""
-        if driver is None or not self.actuation.applies_to(driver):
-            return vehicle
-        return replace(vehicle, **self.actuation.model_dump(exclude={"human"}))
 
     def crosswalk(self, lane: int | None = None) -> Crossing:
         """The crosswalk's constants for a lane, counted from its near kerb; None: the ego's."""
@@ -121,11 +107,6 @@ class Scenario(Section):
             lane=lane,
             speed_limit_mps=self.speed_limit_mps,
         )
-
-    def crosswalk_from_lanes(self, *, oncoming: bool) -> tuple[Crossing, ...]:
-        """The crosswalk's constants for each lane of a direction, counted from its near kerb."""
-        lanes = self.crossing.oncoming_lanes if oncoming else self.crossing.lanes
-        return tuple(self.crosswalk(lane) for lane in range(lanes))
 
     @property
     def speed_limit_mps(self) -> float:
@@ -152,17 +133,10 @@ class Scenario(Section):
             if case is None or timed.name == case
         )
 
-    def obstacles(self) -> tuple[ObstacleSection, ...]:
+    def obstacles(self) -> tuple[sections.ObstacleSection, ...]:
         """The obstacles of ``timed_case``; all of them if it is not given."""
         case = self.pedestrians.timed_case
         return tuple(o for o in self.crossing.obstacles if case is None or o.case in (None, case))
-
-
-def _vehicle(ego: EgoSection) -> Vehicle:
-    values = ego.model_dump(exclude={"lane"})
-    if values["detection_range_m"] is None:
-        values["detection_range_m"] = values["trigger_range_m"]
-    return Vehicle(**values)
 
 
 def path_of(timed: TimedSection, scenario: Scenario) -> tuple[Leg, ...]:

@@ -2,19 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import InitVar, dataclass
+from pathlib import Path
 from typing import Any
 
 from harness.core.documents import as_plain
 from harness.core.errors import InputError, Parameter, Place, checked, inside, nearest_name
 from harness.core.freezing import Frozen
-from harness.scenario.file import (
-    ScenarioFile,
-    Setting,
-    apply_setting,
-    load_scenario,
-    parts_of,
-    validate,
-)
+from harness.scenario.consistency import check_effects
+from harness.scenario.file import ScenarioFile, Setting, parts_of, validate
 from harness.scenario.scenario import Scenario
 from harness.scenario.variation import Variation, planned_cells
 
@@ -36,7 +31,7 @@ class Cell(Frozen):
     def __post_init__(self, valid: bool) -> None:
         """Check the scenario, and copy ``varied`` into a read-only mapping."""
         if not valid:
-            object.__setattr__(self, "scenario", load_scenario(self.scenario))
+            object.__setattr__(self, "scenario", validate(self.scenario.model_dump(), "scenario"))
         super().__post_init__()
 
 
@@ -44,12 +39,17 @@ class Cell(Frozen):
 class Study:
     """All cells of a run, in order: the last varied key changes fastest.
 
-    ``base`` is the scenario without the variation.
+    ``base`` is the scenario without the variation.  Each key has an effect in one of the cells in
+    which it is set.
     """
 
     name: str
     base: Scenario
     cells: tuple[Cell, ...]
+
+    def __post_init__(self) -> None:
+        """Refuse keys without effect."""
+        check_effects(cell.scenario for cell in self.cells)
 
     @property
     def driven(self) -> list[str]:
@@ -105,7 +105,7 @@ def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
     cells: list[Cell] = []
     seen: dict[str, int] = {}
     for number, point in enumerate(points):
-        scenario = file.scenario([Setting(key, value, source) for key, value in point.items()])
+        scenario = file.cell([Setting(key, value, source) for key, value in point.items()])
         dumped = scenario.model_dump()
         # A speed with a unit is a number from here on, and a class is a name.
         varied = {
@@ -123,8 +123,10 @@ def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
     if len(kinds) > 1:
         allowed = "[traffic] or [simulation] in every cell, or in none"
         raise InputError(source, "cells are of different kinds", allowed)
-    study = Study(file.name, file.scenario(), tuple(cells))
-    _check_driven(study, [*file.settings, *(Setting(key, None, source) for key in keys)])
+    base, more = file.cell(), [Setting(key, None, source) for key in keys]
+    with file.located(more):
+        study = Study(file.name, base, tuple(cells))
+    _check_driven(study, [*file.settings, *more])
     return study
 
 
@@ -149,15 +151,12 @@ def study_from(document: Mapping[str, Any], where: str) -> Study:
     Raises:
         InputError: the scenario or a varied value is not accepted.
     """
-    base = validate(document["scenario"], where)
+    file = ScenarioFile(document["name"], where, document["scenario"], None, (), Path())
     cells = []
     for number, varied in enumerate(document["cells"]):
-        tree = base.model_dump()
-        for key, value in varied.items():
-            if value is not None:
-                apply_setting(tree, Setting(key, value, where))
-        cells.append(Cell(number, varied, validate(tree, where), valid=True))
-    return Study(document["name"], base, tuple(cells))
+        own = [Setting(key, value, where) for key, value in varied.items() if value is not None]
+        cells.append(Cell(number, varied, file.cell(own), valid=True))
+    return Study(file.name, file.cell(), tuple(cells))
 
 
 def as_written(value: Any) -> str:
@@ -171,7 +170,5 @@ def _value_at(tree: Mapping[str, Any], key: str) -> Any:
     """The value of a varied key in a cell that does not set it; None if there is no such key."""
     node: Any = tree
     for name in parts_of(Setting(key, None)):
-        if not isinstance(node, Mapping) or name not in node:
-            return None
-        node = node[name]
+        node = node.get(name) if isinstance(node, Mapping) else None
     return node

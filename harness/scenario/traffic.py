@@ -5,7 +5,9 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from harness.core.documents import NonNegative, Positive, Share
-from harness.scenario.sections import Flow, Section
+from harness.scenario.sections import Flow, Only, Section
+
+_UNSATURATED = Only("without traffic.saturated", lambda s: not s.traffic.saturated)
 
 
 class TrafficSection(Section):
@@ -14,9 +16,9 @@ class TrafficSection(Section):
     ``following``, ``tau_s`` and ``min_gap_m`` are SUMO's car-following model and its parameters.
     """
 
-    flow_per_hour: Flow = 600.0
+    flow_per_hour: Annotated[Flow, _UNSATURATED] = 600.0
     """Vehicles per hour in the ego's direction."""
-    oncoming_per_hour: Flow = 600.0
+    oncoming_per_hour: Annotated[Flow, _UNSATURATED] = 600.0
     """Vehicles per hour in the oncoming direction."""
     av_share: Share = 1.0
     """Share of the vehicles that ``arms.av`` drives in the AV's arm."""
@@ -32,8 +34,3 @@ class TrafficSection(Section):
     """Gap of the car-following model to a stopped leader."""
     saturated: bool = False
     """Keep a vehicle waiting in every lane at all times, which measures the capacity."""
-
-    def has_vehicles(self, *, oncoming: bool) -> bool:
-        """Whether any vehicles arrive in a direction."""
-        flow = self.oncoming_per_hour if oncoming else self.flow_per_hour
-        return self.saturated or flow > 0

@@ -193,9 +193,9 @@ def vehicles_due(scenario: Scenario, pair: int) -> Iterator[Due]:
         scenario: a scenario with ``[traffic]``.
         pair: index of the pair.
     """
-    traffic, experiment = scenario.known_traffic, scenario.experiment
+    traffic, experiment, road = scenario.known_traffic, scenario.experiment, scenario.crossing
     for direction, way in enumerate(("forward", "oncoming")):
-        lanes = len(scenario.crosswalk_from_lanes(oncoming=bool(direction)))
+        lanes = road.oncoming_lanes if direction else road.lanes
         flow = traffic.oncoming_per_hour if direction else traffic.flow_per_hour
         for lane in range(lanes):
             due = _of_a_flow(scenario, (pair, direction, lane), flow / lanes / SECONDS_PER_HOUR)

@@ -14,8 +14,7 @@ from harness.engine.protocol import VehicleType
 from harness.engine.sources import CROSSWALK
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario
-from harness.scenario.consistency import SUMO_DRIVER
-from harness.scenario.sections import SimulationSection
+from harness.scenario.sections import SUMO_DRIVER, SimulationSection
 from harness.site.town import Crosswalk, Town
 
 

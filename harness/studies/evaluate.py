@@ -19,6 +19,7 @@ from harness.results.cell_findings import cell_findings
 from harness.results.estimators import CONFIDENCE
 from harness.results.result import flat
 from harness.scenario import Cell, EngineName, Scenario, Setting
+from harness.scenario.consistency import check_effects
 from harness.strategies.registry import source_digests
 from harness.studies.running import workers as local
 from harness.studies.running.run import checked_models, scenario_file
@@ -118,18 +119,20 @@ def _tasks(
 ) -> list[Task]:
     """A task of all pairs for each candidate."""
     file, scenarios = scenario_file(scenario, settings), list[Scenario]()
-    people = file.scenario().experiment
+    people = file.cell().experiment
     if not candidates:
         raise InputError("candidates", "there is none", "one or more")
     for number, given in enumerate(candidates):
         with refused_at(where := f"candidates[{number}]"):
-            each = file.scenario([Setting(key, value, where) for key, value in given.items()])
+            each = file.cell([Setting(key, value, where) for key, value in given.items()])
             if (each.experiment.seed, each.experiment.pairs) != (people.seed, people.pairs):
                 allowed = "the seed in `settings`, and `pairs`"
                 raise InputError(where, "would meet other people", allowed)
             if (drawn := len(each.pedestrians.drawn)) and pairs.stop > drawn:
                 raise InputError("pairs", f"pair {pairs.stop - 1}", f"at most {drawn} are drawn")
         scenarios.append(each)
+    with refused_at("candidates"):
+        check_effects(scenarios)
     models, tasks = checked_models(scenarios, engine, "candidates"), list[Task]()
     code = source_digests(name for each in scenarios for name in each.arms.model_dump().values())
     for number, (each, model) in enumerate(zip(scenarios, models, strict=True)):

@@ -10,10 +10,13 @@ from typing import Any
 import pytest
 
 import harness
+from docs.hooks.reference import sections_of
 from harness.encounter.arms import check_arms
 from harness.model.interaction import InteractionModel
 from harness.scenario import Cell, Scenario, Study, load_scenario, read_scenario_file, study_of
 from harness.scenario.file import parse_setting
+from harness.scenario.pedestrians import ThresholdSection
+from harness.scenario.sections import Only
 from harness.scenario.variation import parse_variation
 from tests.scenes import refusal_of
 
@@ -29,12 +32,17 @@ def obstacle(**changes: Any) -> str:
     return f"crossing.obstacles=[{table(**car)}]"
 
 
+def walker(**changes: Any) -> str:
+    """Euro NCAP's CPNA-25, with changes."""
+    one = {"side": "near", "start_lateral_m": 4.0, "acceleration_distance_m": 1.0}
+    one |= {"speed_mps": 1.3889, "impact_share": 0.25, **changes}
+    return f"pedestrians.timed=[{table(**one)}]"
+
+
 def timed(**changes: Any) -> str:
-    """Euro NCAP's CPNA-25 before a car of 10 m/s, with changes."""
-    walker = {"side": "near", "start_lateral_m": 4.0, "acceleration_distance_m": 1.0}
-    walker |= {"speed_mps": 1.3889, "impact_share": 0.25, **changes}
+    """The walker before a car of 10 m/s, with changes."""
     ego = "ego.initial_speed_mps=10 ego.trigger_range_m=70"
-    return f"cctc_flow {ego} pedestrians.flow_per_hour=0 pedestrians.timed=[{table(**walker)}]"
+    return f"cctc_flow {ego} pedestrians.flow_per_hour=0 {walker(**changes)}"
 
 
 CLASSES = f"[{table(share=0.5, mean_mps=1.0)},{table(share=0.6, mean_mps=1.2)}]"
@@ -70,9 +78,9 @@ BAD_SETTINGS = [
     ("cctc ego.trigger_range_m=1e6", "ego.trigger_range_m | 1000000.0 | less than"),
     ("cctc ego.trigger_range_m=3.4", "ego.trigger_range_m | 3.4 m | at least | 3.5 m"),
     ("cctc ego.width_m=5.0", "ego.width_m | 5 m | at most 4 m"),
-    ("cctc experiment.step_s=0.0333", "experiment.step_s | 0.0333 | whole milliseconds"),
+    ("cctc experiment.step_s=0.0333", "experiment.step_s | 0.0333 | multiple of 0.001"),
     ("cctc experiment.timeout_s=0.05", "experiment.timeout_s | 0.05 | 0.1"),
-    (f"cctc {FILE} simulation.step_s=0.0125", "simulation.step_s | 0.0125 | whole milliseconds"),
+    (f"cctc {FILE} simulation.step_s=0.0125", "simulation.step_s | 0.0125 | multiple of 0.001"),
     ("cctc crossing.lanes=2 crossing.lane_width_m=3.5", "crossing.lane_width_m | = 3 m"),
     ("cctc crossing.lanes=3 crossing.oncoming_lanes=3", "ego.width_m | at most 1 m"),
     ("cctc crossing.grade=-0.2 crossing.friction=0.1", "crossing.grade | with -0.2 | not brake"),
@@ -84,7 +92,6 @@ BAD_SETTINGS = [
     (f"cctc {obstacle(y_m=0.5)}", "settings crossing.obstacles.0.y_m | ego's path"),
     (f"cctc {obstacle(x_m=-2.2)}", "settings crossing.obstacles.0.x_m"),
     (f"cctc {obstacle(case='CPNA')}", "crossing.obstacles.0.case | unknown case 'CPNA'"),
-    (f"traffic {obstacle()}", "crossing.obstacles | hide nobody in simulations"),
     # People.
     (timed(start_lateral_m=1.15), "timed.0.start_lateral_m | 1.15 m | path"),
     (timed(start_lateral_m=10.3), "timed.0.start_lateral_m | 10.25 m"),
@@ -120,6 +127,8 @@ BAD_SETTINGS = [
         "vary strategies | gap_yeild drives in no cell",
     ),
     ("aggressiveness arms.av=hard_yield", "sweep arms.av | arms.av is also set, to 'hard_yield'"),
+    ("cctc --vary=pedestrians.flow_per_hour=9,50", "vary pedestrians.flow_per_hour | no effect"),
+    (f"{PEOPLE}.behaviour=gap_acceptance pedestrians.kerb_wait_s=1", "kerb_wait_s | default 2.0"),
 ]
 
 
@@ -135,6 +144,70 @@ def test_bad_settings(model: InteractionModel, words: str, said: str) -> None:
             check_arms(cell.scenario, model)
 
     refusal_of(use, *said.split(" | "))
+
+
+TRAFFIC, BUSY = "traffic.tau_s=1", "pedestrians.flow_per_hour=9"
+GAPS, TIMES = "pedestrians.gap_acceptance", "pedestrians.threshold"
+CONDITIONS = f"""
+{FILE} | | crossing.bearing_deg=0 crossing.length_m=8 crossing.width_m=5 crossing.lanes=2
+{FILE} | | crossing.oncoming_lanes=0 crossing.lane_width_m=4 crossing.road_speed_limit_mps=9
+{FILE} | crossing.longitude_deg=1 | crossing.latitude_deg=1
+{FILE} | crossing.latitude_deg=1 | crossing.longitude_deg=1
+{FILE} | | crossing.grade=0.1 crossing.friction=0.7 ego.width_m=1.7 ego.length_m=4
+{FILE} | | ego.initial_speed_mps=8 ego.max_deceleration_mps2=5 experiment.step_s=0.05
+{TRAFFIC} | {TRAFFIC} crossing.grade=0.01 | ego.max_acceleration_mps2=2
+{TRAFFIC} | | pedestrians.warm_up_s=9 pedestrians.first_at_trigger=true {obstacle()} {walker()}
+{TRAFFIC} | | conflicts.time_advantage_s=1 experiment.timeout_s=30
+{TRAFFIC} experiment.pairs=1 | experiment.pairs=1 | pedestrians.drawn=[{table(episode=0)}]
+{TRAFFIC} crossing.lanes=2 | crossing.lanes=2 | ego.lane=1
+{FILE} | {FILE} {BUSY} | pedestrians.behaviour=reactive pedestrians.kerb_wait_s=1
+{FILE} | {FILE} {BUSY} | pedestrians.near_side_share=1 pedestrians.group_size=[0,1]
+{FILE} | {FILE} {BUSY} | pedestrians.max_count=3 pedestrians.walking_speed.mean_mps=1
+{FILE} | {FILE} {BUSY} | model.pedestrian_reading=unconditional
+pedestrians.first_at_trigger=true pedestrians.max_count=1 | | {BUSY}
+| pedestrians.behaviour=gap_acceptance | {GAPS}.mean_s=3 {GAPS}.std_s=1 {GAPS}.distribution=logistic
+| pedestrians.behaviour=threshold | {" ".join(f"{TIMES}.{k}=0.5" for k in ThresholdSection.model_fields)}
+| perception.speed_sd_mps=1 | perception.correlation_s=2 perception.human=true
+| {obstacle()} | perception.occlusion=false
+| actuation.lag_s=1 | actuation.human=true
+{FILE} arms.av=sumo_driver | {FILE} | perception.latency_s=1 perception.update_s=2
+{FILE} arms.av=sumo_driver | {FILE} | perception.position_sd_m=1 perception.speed_sd_mps=1
+{FILE} arms.av=sumo_driver | {FILE} | perception.detection_probability=0.5
+{FILE} arms.av=sumo_driver | {FILE} | perception.dropout_probability=0.5
+model.path=mine.json | | model.name=dut-k10
+traffic.saturated=true | {TRAFFIC} | traffic.flow_per_hour=9 traffic.oncoming_per_hour=9
+"""
+"""Settings with which a key has no effect, those with which it has one, and such keys."""
+CASES = [
+    (key, *map(str.split, sides))
+    for *sides, keys in (line.split("|") for line in CONDITIONS.strip().splitlines())
+    for key in keys.split()
+]
+
+
+@pytest.mark.parametrize(("key", "without", "having"), CASES)
+def test_a_key_without_effect_is_refused(key: str, without: list[str], having: list[str]) -> None:
+    def load(*texts: str) -> Scenario:
+        return load_scenario(Scenario(), [*map(parse_setting, texts)])
+
+    assert load(*having, key) != load(*having)
+    place = f"settings {key.partition('=')[0]}: has no effect"
+    refusal_of(lambda: load(*without, key), place, "its default", "another value only")
+
+
+def test_every_key_with_a_condition_is_tested() -> None:
+    conditional = {
+        f"{heading.strip('[]')}.{key}"
+        for heading, section in sections_of(Scenario)
+        for key, field in section.model_fields.items()
+        if any(isinstance(each, Only) for each in field.metadata)
+    }
+    assert conditional == {key.partition("=")[0] for key, *_ in CASES}
+
+
+def test_a_key_of_a_sweep_has_an_effect_in_a_cell() -> None:
+    file = read_scenario_file("cctc_flow", {"pedestrians.threshold.factor": 0.8})
+    assert len(study_of(file, [("pedestrians.behaviour", ["constant", "threshold"])]).cells) == 2
 
 
 BAD_FILES = [
@@ -158,23 +231,28 @@ def test_bad_files(tmp_path: Path, text: str, said: str) -> None:
     refusal_of(lambda: study_of(read_scenario_file(path)), *said.split(" | "))
 
 
-BAD = Scenario.model_validate({"ego": {"lane": 5}})
-"""On a road of one lane; each key alone is accepted."""
-
-
 @pytest.mark.parametrize(
     "door",
     [
-        lambda: harness.run(BAD, pairs=1, engine="plain"),
-        lambda: harness.run(Study("mine", BAD, (Cell(0, {}, BAD),)), engine="plain"),
-        lambda: harness.evaluate(BAD, [{"arms.av": "hard_yield"}], range(1), engine="plain"),
-        lambda: harness.run_pair(BAD, engine="plain"),
-        lambda: harness.check_strategy("hard_yield", scenario=BAD),
-        lambda: harness.CrosswalkEnv(BAD, engine="plain"),
+        lambda bad: harness.run(bad, pairs=1, engine="plain"),
+        lambda bad: harness.run(Study("mine", bad, (Cell(0, {}, bad),)), engine="plain"),
+        lambda bad: harness.evaluate(bad, [{"arms.av": "hard_yield"}], range(1), engine="plain"),
+        lambda bad: harness.run_pair(bad, engine="plain"),
+        lambda bad: harness.check_strategy("hard_yield", scenario=bad),
+        lambda bad: harness.CrosswalkEnv(bad, engine="plain"),
     ],
 )
-def test_every_door_refuses_what_a_file_may_not_say(door: Callable[[], object]) -> None:
-    refusal_of(door, "ego.lane: there is no lane 5")
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"ego": {"lane": 5}}, "ego.lane: there is no lane 5"),
+        ({"perception": {"occlusion": False}}, "perception.occlusion: has no effect"),
+    ],
+)
+def test_every_door_refuses_what_a_file_may_not_say(
+    door: Callable[[Scenario], object], keys: dict[str, Any], said: str
+) -> None:
+    refusal_of(lambda: door(Scenario.model_validate(keys)), said)
 
 
 def test_who_comes_in_a_simulation_is_in_the_schema() -> None:

@@ -150,8 +150,8 @@ def test_two_runs_are_told_apart_by_their_folders_and_share_their_first_pairs() 
     assert row["kappa_difference"].n == 20
     assert row["mu_difference"].value == pytest.approx(0.1)
     assert "20 to 30 pairs" in made.scope
-    flows = run_of(study({}, FLOWS), by_hand, 40, name="flows")
-    crowd = study({"arms.av": "hard_yield", "pedestrians.flow_per_hour": 250.0})
+    flows = run_of(study({}, FLOWS, name="cctc_flow"), by_hand, 40, name="flows")
+    crowd = study({"arms.av": "hard_yield"}, name="cctc_flow")
     scope = compare(flows, run_of(crowd, by_hand, 40, name="crowd")).scope
     assert scope.endswith("without a partner: flow_per_hour 50, soft_yield (flows)")
     # A note of a cell has its name, though neither run varies anything.
@@ -189,7 +189,7 @@ def test_what_cannot_be_compared_is_refused_in_one_line() -> None:
         ((one, slower), "drove otherwise than one in pair 7"),
         ((one, fewer), "drove otherwise than one in pair 4"),
         ((one, version("x", 9.0, experiment__seed=2)), "experiment.seed"),
-        ((one, version("x", 9.0, pedestrians__flow_per_hour=500)), "pedestrians.flow_per_hour"),
+        ((one, version("x", 9.0, pedestrians__max_count=2)), "pedestrians.max_count"),
         ((one, version("x", 9.0, arms__human="hard_yield")), "arms.human"),
         ((one, version("x", 9.0, strategies__human_gmm__speed="sampled")), "human_gmm.speed"),
         ((), "runs: there is none"),

@@ -231,7 +231,7 @@ def test_a_sweep_has_a_row_a_cell_and_no_column_that_is_empty_or_equal() -> None
     """Delays differ; nobody waits, for two reasons; all else is the same."""
     vary = ("pedestrians.flow_per_hour=100,200", "ego.length_m=4", "crossing.length_m=9")
     cells = []
-    for cell in study({}, *vary, "pedestrians.group_size=[0.5,0.5]").cells:
+    for cell in study({}, *vary, "pedestrians.group_size=[0.5,0.5]", name="cctc_flow").cells:
         waits = Finding(None, n=cell.number, reason=f"reason {cell.number}")
         own = {"delay_s": Finding(float(cell.number)), "pedestrian_wait_s": waits}
         own |= {"pedestrian_wait_s_human": waits}

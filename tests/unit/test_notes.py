@@ -32,10 +32,10 @@ from tests.cells import (
 
 KINDS = {
     "run": (),
-    "sweep": ("pedestrians.flow_per_hour=500,250",),
+    "sweep": ("ego.length_m=4,5",),
     "comparison": ("arms.av=gap_yield,soft_yield",),
 }
-"""What varies.  The last cell, Soft-Yield at 250 people per hour, is that of the news."""
+"""What varies.  The last cell, Soft-Yield in a car of 5 m, is that of the news."""
 
 Pair = tuple[Fate, Fate]
 
@@ -74,7 +74,7 @@ def _shown(result: Result) -> Iterator[Shown]:
 def tell(request: pytest.FixtureRequest) -> Callable[..., Told]:
     def made(news: Callable[[int], Pair], pairs: int = 40, **changes: object) -> Told:
         def fates(scenario: Scenario, pair: int) -> Pair:
-            here = scenario.arms.av == "soft_yield" and scenario.pedestrians.flow_per_hour == 250
+            here = scenario.arms.av == "soft_yield" and scenario.ego.length_m == 5
             return news(pair) if here else usual(pair)
 
         dotted = {key.replace("__", "."): value for key, value in changes.items()}
@@ -337,20 +337,19 @@ def test_the_worse_the_news_the_higher() -> None:
 
 
 def test_a_note_of_a_sweep_is_about_its_worst_cell_and_counts_the_others() -> None:
-    failures = {50.0: 1, 100.0: 3, 250.0: 2, 500.0: 0}
+    failures = {3.0: 1, 4.0: 3, 5.0: 2, 6.0: 0}
 
     def fates(scenario: Scenario, pair: int) -> Pair:
-        return (FAILED if pair < failures[scenario.pedestrians.flow_per_hour] else 9.0), HUMAN_S
+        return (FAILED if pair < failures[scenario.ego.length_m] else 9.0), HUMAN_S
 
-    vary = f"pedestrians.flow_per_hour={','.join(map(str, failures))}"
+    vary = f"ego.length_m={','.join(map(str, failures))}"
     cells = run_of(study({}, vary), fates, 10).cells
-    assert "idle_flow" in {note.key for note in notes_of(cells)}
     (note,) = [note for note in notes_of(cells) if note.key == "failures"]
-    assert note.text.startswith("flow_per_hour 100: 3 of 20 episodes failed")
+    assert note.text.startswith("length_m 4: 3 of 20 episodes failed")
     assert note.first.endswith("(similar in 2 more cells).")
     assert note.cells == (0, 1, 2)
     (note,) = [note for note in notes_of(cells[2:]) if note.key == "failures"]
-    assert note.text.startswith("flow_per_hour 250: 2 of 20")
+    assert note.text.startswith("length_m 5: 2 of 20")
     (alike,) = [note for note in notes_of(cells[:1] * 2) if note.key == "failures"]
     assert alike.text.startswith("1 of 20")
     assert alike.first.endswith("(likewise in 1 more cell).")

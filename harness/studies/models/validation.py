@@ -2,7 +2,7 @@
 
 Each driver drives every recorded passage, among the people who walk as recorded.  Both scores have
 intervals over vehicles, because the passages of one vehicle, or of its copies, are not independent.
-``Mark.VALIDATED`` marks the keys of a scenario that have an effect here.
+``VALIDATED`` marks the keys of a scenario that have an effect here.
 """
 
 import hashlib
@@ -38,7 +38,7 @@ from harness.results.result import Column, Result, Shown, Table
 from harness.scenario import Scenario, Setting, load_scenario
 from harness.scenario.file import parts_of
 from harness.scenario.pedestrians import PedestriansSection
-from harness.scenario.sections import Mark, Section, marked
+from harness.scenario.sections import VALIDATED, Section, marked
 from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import find_strategy
 from harness.studies.models.fits import FitSettings, fit_weighted, vehicle_folds
@@ -139,7 +139,7 @@ def _factories(
     """
     found = {name: find_strategy(name, f"driver {name}") for name in drivers}
     sections = {name: type(of) for name, of in Scenario() if isinstance(of, Section)}
-    own = [f"{name}.{key}" for name, of in sections.items() for key in marked(of, Mark.VALIDATED)]
+    own = [f"{name}.{key}" for name, of in sections.items() for key in marked(of, VALIDATED)]
     allowed = [*(f"strategies.{name}" for name in found), *own]
     for key in keys:
         if ".".join(parts_of(key)[:2]) not in allowed:
