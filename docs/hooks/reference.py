@@ -74,8 +74,8 @@ def keys_page() -> str:
         "# Keys of a scenario",
         "",
         "Every key has a default, so a scenario file has only the keys that differ. Unknown keys",
-        "are refused. A key that ends in `_mps` also takes text with a unit, in files, `--set` and",
-        '`--vary`: `"50 km/h"`, `"30 mph"`, `"12 ft/s"`, `"8 m/s"`.',
+        "and keys without effect are refused. A key that ends in `_mps` also takes text with a",
+        'unit, in files, `--set` and `--vary`: `"50 km/h"`, `"30 mph"`, `"12 ft/s"`, `"8 m/s"`.',
         "[Files](../files.md#scenario-toml) says how files and `--set` are read. The keys of",
         "`[strategies]` are the parameters of [strategies](../strategies.md).",
     ]
@@ -88,7 +88,7 @@ def keys_page() -> str:
                 [f"`{name}`", values_of(schema), unit_of(name), default_of(section, name), meaning]
                 for name, schema in properties(section).items()
                 if not is_section(schema)
-                for meaning in [documented[section.__name__, name]]
+                for meaning in [documented[section.__name__, name] + conditions_of(section, name)]
             ),
         )
     return "\n".join(lines) + "\n"
@@ -156,6 +156,12 @@ def default_of(section: type[BaseModel], name: str) -> str:
     if value in (None, (), "", {}):
         return "none"
     return f"`{str(value).lower() if isinstance(value, bool) else value}`"
+
+
+def conditions_of(section: type[BaseModel], name: str) -> str:
+    """When a key has an effect, in sentences; empty if always."""
+    marks = section.model_fields[name].metadata
+    return "".join(f" Only {each.words}." for each in marks if isinstance(each, sections.Only))
 
 
 def meanings_of_keys() -> dict[tuple[str, str], str]:

@@ -185,7 +185,7 @@ class PedestriansSection(Section):
     """Nobody steps off if a vehicle that does not stop would reach the crosswalk within this time;
     if not given, 0 with behaviour ``threshold``."""
     warm_up_s: Annotated[float, Field(ge=0, le=3600), ENCOUNTERS, _COME] = 0.0
-    """The flow begins this long before the trigger; must be 0 with ``[traffic]``."""
+    """The flow begins this long before the trigger."""
     gap_acceptance: GapAcceptanceSection = GapAcceptanceSection()
     """Critical gaps, with behaviour ``gap_acceptance``."""
     threshold: ThresholdSection = ThresholdSection()

@@ -76,7 +76,7 @@ Effect = tuple[str, InputError | None]
 
 
 def effects(section: Section, scenario: Section, path: str = "") -> Iterator[Effect]:
-    """The keys of a section of a scenario that are set: their values are not the defaults."""
+    """The keys of a section that are set: each whose value is not its default."""
     for name, field in type(section).model_fields.items():
         key, value = f"{path}{name}", getattr(section, name)
         if isinstance(value, Section):
@@ -102,7 +102,7 @@ _ROAD_LIMITS = Only(
     "in encounters, or on a road with grade or friction",
     lambda s: s.kind == "encounters" or s.crossing.grade or s.crossing.friction,
 )
-_DRIVEN = Only("for a strategy", lambda s: s.arms.av != SUMO_DRIVER or s.perception.human)
+_DRIVEN = Only("where a strategy drives", lambda s: s.arms.av != SUMO_DRIVER or s.perception.human)
 _NOISE = Only(
     "with position_sd_m or speed_sd_mps",
     lambda s: s.perception.changed(["position_sd_m", "speed_sd_mps"]),

@@ -32,34 +32,24 @@ def obstacle(**changes: Any) -> str:
     return f"crossing.obstacles=[{table(**car)}]"
 
 
-def walker(**changes: Any) -> str:
-    """Euro NCAP's CPNA-25, with changes."""
-    one = {"side": "near", "start_lateral_m": 4.0, "acceleration_distance_m": 1.0}
-    one |= {"speed_mps": 1.3889, "impact_share": 0.25, **changes}
-    return f"pedestrians.timed=[{table(**one)}]"
-
-
 def timed(**changes: Any) -> str:
-    """The walker before a car of 10 m/s, with changes."""
+    """Euro NCAP's CPNA-25 before a car of 10 m/s, with changes."""
+    walker = {"side": "near", "start_lateral_m": 4.0, "acceleration_distance_m": 1.0}
+    walker |= {"speed_mps": 1.3889, "impact_share": 0.25, **changes}
     ego = "ego.initial_speed_mps=10 ego.trigger_range_m=70"
-    return f"cctc_flow {ego} pedestrians.flow_per_hour=0 {walker(**changes)}"
+    return f"cctc_flow {ego} pedestrians.flow_per_hour=0 pedestrians.timed=[{table(**walker)}]"
 
 
 CLASSES = f"[{table(share=0.5, mean_mps=1.0)},{table(share=0.6, mean_mps=1.2)}]"
 PEOPLE = "cctc_flow pedestrians"
 FILE = "simulation.file=my.sumocfg simulation.crossings=[':J_c0']"
-SPEED = "cctc ego.initial_speed_mps"
 
 BAD_SETTINGS = [
     # Keys that are none, and tables that are no tables.
-    ("cctc ego.lenght_m=4", "settings ego.lenght_m | unknown key | did you mean 'length_m'"),
-    ("cctc ego.speed=4", "unknown key 'speed' | did you mean 'initial_speed_mps'"),
-    ("cctc arms.robot=x", "arms.robot | unknown key | av, human"),
     (f"{PEOPLE}.gap_acceptance.mean=3", "gap_acceptance.mean | 'mean_s'"),
     ("cctc ego=4", "settings ego | 4 | allowed: a table"),
     ("cctc ego.length_m.x=4", "settings ego.length_m.x | not a table"),
     ("cctc ego.length_m", "settings ego.length_m | not of the form key=value"),
-    ("cctc =3", "settings =3 | not of the form key=value"),
     ("cctc ego..length_m=4", "settings ego..length_m | not a dotted key"),
     # Values of another type or outside their range.
     ("cctc ego.length_m=long", "settings ego.length_m | 'long' | number, in m"),
@@ -71,16 +61,12 @@ BAD_SETTINGS = [
     (f"{PEOPLE}.max_count=1.5", "pedestrians.max_count | 1.5 | whole number"),
     (f"{PEOPLE}.behaviour=fast", "pedestrians.behaviour | 'fast' | reactive"),
     (f"{PEOPLE}.near_side_share=1.5", "near_side_share | 1.5 | less than or equal to 1"),
-    (f"{SPEED}=0", "ego.initial_speed_mps | 0 | or equal to 0.1"),
-    (f"{SPEED}='50knots'", "settings ego.initial_speed_mps | m/s, km/h, mph, ft/s"),
-    (f"{SPEED}='km/h'", "settings ego.initial_speed_mps | m/s, km/h, mph, ft/s"),
+    ("cctc ego.initial_speed_mps='50knots'", "ego.initial_speed_mps | m/s, km/h, mph, ft/s"),
     # Values that do not fit others.
-    ("cctc ego.trigger_range_m=1e6", "ego.trigger_range_m | 1000000.0 | less than"),
     ("cctc ego.trigger_range_m=3.4", "ego.trigger_range_m | 3.4 m | at least | 3.5 m"),
     ("cctc ego.width_m=5.0", "ego.width_m | 5 m | at most 4 m"),
     ("cctc experiment.step_s=0.0333", "experiment.step_s | 0.0333 | multiple of 0.001"),
     ("cctc experiment.timeout_s=0.05", "experiment.timeout_s | 0.05 | 0.1"),
-    (f"cctc {FILE} simulation.step_s=0.0125", "simulation.step_s | 0.0125 | multiple of 0.001"),
     ("cctc crossing.lanes=2 crossing.lane_width_m=3.5", "crossing.lane_width_m | = 3 m"),
     ("cctc crossing.lanes=3 crossing.oncoming_lanes=3", "ego.width_m | at most 1 m"),
     ("cctc crossing.grade=-0.2 crossing.friction=0.1", "crossing.grade | with -0.2 | not brake"),
@@ -88,14 +74,12 @@ BAD_SETTINGS = [
     ("cctc crossing.grade=0.4", "crossing.grade | not drive on"),
     # What is seen, and what hides it.
     ("cctc perception.latency_s=0.25", "perception.latency_s"),
-    ("cctc perception.update_s=0.05", "perception.update_s"),
     (f"cctc {obstacle(y_m=0.5)}", "settings crossing.obstacles.0.y_m | ego's path"),
     (f"cctc {obstacle(x_m=-2.2)}", "settings crossing.obstacles.0.x_m"),
     (f"cctc {obstacle(case='CPNA')}", "crossing.obstacles.0.case | unknown case 'CPNA'"),
     # People.
     (timed(start_lateral_m=1.15), "timed.0.start_lateral_m | 1.15 m | path"),
     (timed(start_lateral_m=10.3), "timed.0.start_lateral_m | 10.25 m"),
-    (timed(walking_speed=1), "unknown key 'walking_speed' | speed_mps"),
     # 3.55 m at 0.4 m/s, 1 m of it from rest, take 11.375 s; the car is there in 6.975 s.
     (timed(speed_mps=0.4), "timed.0.speed_mps | 4.4 s before the trigger | 114 m"),
     (f"{PEOPLE}.group_size=[0.5,0.4]", "the shares sum to 0.9; allowed: shares that sum"),
@@ -110,14 +94,7 @@ BAD_SETTINGS = [
     # Strategies and their parameters.
     ("cctc arms.av=soft_yeild", "arms.av | 'soft_yeild' | did you mean 'soft_yield'"),
     ("cctc strategies.soft_yield.p4=1", "strategies.soft_yield.p4 | unknown key"),
-    ("cctc strategies.soft_yield.p1=fast", "strategies.soft_yield.p1 | 'fast' | number"),
-    ("cctc strategies.human_gmm.reading=both", "'both' | 'marginal' | given_time_advantage"),
     ("cctc strategies.human_gmm.decision_interval_s=0.25", "decision_interval_s | 0.25 | whole st"),
-    (
-        "cctc arms.av=emergency_brake strategies.emergency_brake.ttc_threshold_s=0",
-        "strategies.emergency_brake.ttc_threshold_s | greater than 0",
-    ),
-    ("cctc strategies.hard_yield.x=1", "settings strategies.hard_yield.x | drives in no cell"),
     # Sweeps.
     ("cctc --vary=ego.length_m=5 --vary=ego.length_m=6", "ego.length_m | twice"),
     ("cctc --vary=ego.length_m=5,4,5.0", "cells 0 and 2 are the same | ego.length_m=5.0"),
@@ -146,63 +123,50 @@ def test_bad_settings(model: InteractionModel, words: str, said: str) -> None:
     refusal_of(use, *said.split(" | "))
 
 
-TRAFFIC, BUSY = "traffic.tau_s=1", "pedestrians.flow_per_hour=9"
-GAPS, TIMES = "pedestrians.gap_acceptance", "pedestrians.threshold"
+TRAFFIC, SUMO = "traffic.tau_s=1", f"{FILE} arms.av=sumo_driver"
+THRESHOLDS = " ".join(f"{key}=0.5" for key in ThresholdSection.model_fields)
 CONDITIONS = f"""
-{FILE} | | crossing.bearing_deg=0 crossing.length_m=8 crossing.width_m=5 crossing.lanes=2
-{FILE} | | crossing.oncoming_lanes=0 crossing.lane_width_m=4 crossing.road_speed_limit_mps=9
-{FILE} | crossing.longitude_deg=1 | crossing.latitude_deg=1
-{FILE} | crossing.latitude_deg=1 | crossing.longitude_deg=1
-{FILE} | | crossing.grade=0.1 crossing.friction=0.7 ego.width_m=1.7 ego.length_m=4
-{FILE} | | ego.initial_speed_mps=8 ego.max_deceleration_mps2=5 experiment.step_s=0.05
-{TRAFFIC} | {TRAFFIC} crossing.grade=0.01 | ego.max_acceleration_mps2=2
-{TRAFFIC} | | pedestrians.warm_up_s=9 pedestrians.first_at_trigger=true {obstacle()} {walker()}
-{TRAFFIC} | | conflicts.time_advantage_s=1 experiment.timeout_s=30
-{TRAFFIC} experiment.pairs=1 | experiment.pairs=1 | pedestrians.drawn=[{table(episode=0)}]
-{TRAFFIC} crossing.lanes=2 | crossing.lanes=2 | ego.lane=1
-{FILE} | {FILE} {BUSY} | pedestrians.behaviour=reactive pedestrians.kerb_wait_s=1
-{FILE} | {FILE} {BUSY} | pedestrians.near_side_share=1 pedestrians.group_size=[0,1]
-{FILE} | {FILE} {BUSY} | pedestrians.max_count=3 pedestrians.walking_speed.mean_mps=1
-{FILE} | {FILE} {BUSY} | model.pedestrian_reading=unconditional
-pedestrians.first_at_trigger=true pedestrians.max_count=1 | | {BUSY}
-| pedestrians.behaviour=gap_acceptance | {GAPS}.mean_s=3 {GAPS}.std_s=1 {GAPS}.distribution=logistic
-| pedestrians.behaviour=threshold | {" ".join(f"{TIMES}.{k}=0.5" for k in ThresholdSection.model_fields)}
-| perception.speed_sd_mps=1 | perception.correlation_s=2 perception.human=true
-| {obstacle()} | perception.occlusion=false
-| actuation.lag_s=1 | actuation.human=true
-{FILE} arms.av=sumo_driver | {FILE} | perception.latency_s=1 perception.update_s=2
-{FILE} arms.av=sumo_driver | {FILE} | perception.position_sd_m=1 perception.speed_sd_mps=1
-{FILE} arms.av=sumo_driver | {FILE} | perception.detection_probability=0.5
-{FILE} arms.av=sumo_driver | {FILE} | perception.dropout_probability=0.5
+{FILE} | crossing. | bearing_deg=0 length_m=8 width_m=5 lanes=2 oncoming_lanes=0 lane_width_m=4
+{FILE} | crossing. | latitude_deg=1 longitude_deg=1 road_speed_limit_mps=9 grade=0.1 friction=0.7
+{FILE} | ego. | width_m=1.7 length_m=4 initial_speed_mps=8 max_deceleration_mps2=5 lane=1
+{FILE} | | experiment.step_s=0.05 model.pedestrian_reading=unconditional
+{TRAFFIC} | | experiment.timeout_s=30 conflicts.time_advantage_s=1 ego.max_acceleration_mps2=2
+{TRAFFIC} | | pedestrians.warm_up_s=9 pedestrians.first_at_trigger=true {timed().split()[-1]}
+{TRAFFIC} experiment.pairs=1 | | pedestrians.drawn=[{table(episode=0)}] {obstacle()}
+{SUMO} | pedestrians. | behaviour=reactive kerb_wait_s=1 near_side_share=1 group_size=[0,1]
+{SUMO} | pedestrians. | max_count=3 walking_speed.mean_mps=1
+{SUMO} | perception. | detection_probability=0.5 dropout_probability=0.5 latency_s=1 update_s=2
+{SUMO} | perception. | position_sd_m=1 speed_sd_mps=1
+pedestrians.first_at_trigger=true pedestrians.max_count=1 | | pedestrians.flow_per_hour=9
+| pedestrians.gap_acceptance. | mean_s=3 std_s=1 distribution=logistic
+| pedestrians.threshold. | {THRESHOLDS}
+| | perception.correlation_s=2 perception.human=true perception.occlusion=false actuation.human=true
 model.path=mine.json | | model.name=dut-k10
-traffic.saturated=true | {TRAFFIC} | traffic.flow_per_hour=9 traffic.oncoming_per_hour=9
+traffic.saturated=true | traffic. | flow_per_hour=9 oncoming_per_hour=9
 """
-"""Settings with which a key has no effect, those with which it has one, and such keys."""
+"""Settings with which keys have no effect, how the keys begin, and the keys with a value."""
 CASES = [
-    (key, *map(str.split, sides))
-    for *sides, keys in (line.split("|") for line in CONDITIONS.strip().splitlines())
-    for key in keys.split()
+    [*base.split(), start.strip() + setting]
+    for base, start, keys in (line.split("|") for line in CONDITIONS.strip().splitlines())
+    for setting in keys.split()
 ]
 
 
-@pytest.mark.parametrize(("key", "without", "having"), CASES)
-def test_a_key_without_effect_is_refused(key: str, without: list[str], having: list[str]) -> None:
-    def load(*texts: str) -> Scenario:
-        return load_scenario(Scenario(), [*map(parse_setting, texts)])
-
-    assert load(*having, key) != load(*having)
-    place = f"settings {key.partition('=')[0]}: has no effect"
-    refusal_of(lambda: load(*without, key), place, "its default", "another value only")
+@pytest.mark.parametrize("settings", CASES, ids=lambda settings: settings[-1][:60])
+def test_a_key_without_effect_is_refused(tmp_path: Path, settings: list[str]) -> None:
+    (tmp_path / "mine.toml").touch()
+    said = f"settings {settings[-1].partition('=')[0]}: has no effect; allowed: its default"
+    given = [*map(parse_setting, settings)]
+    refusal_of(lambda: load_scenario(tmp_path / "mine.toml", given), said, "another value only ")
 
 
 def test_every_key_with_a_condition_is_tested() -> None:
-    conditional = {
+    assert {settings[-1].partition("=")[0] for settings in CASES} == {
         f"{heading.strip('[]')}.{key}"
         for heading, section in sections_of(Scenario)
         for key, field in section.model_fields.items()
         if any(isinstance(each, Only) for each in field.metadata)
     }
-    assert conditional == {key.partition("=")[0] for key, *_ in CASES}
 
 
 def test_a_key_of_a_sweep_has_an_effect_in_a_cell() -> None:
@@ -212,14 +176,11 @@ def test_a_key_of_a_sweep_has_an_effect_in_a_cell() -> None:
 
 BAD_FILES = [
     ("[ego\n", "not a TOML file"),
-    ("[ego]\nlenght_m = 4", "ego.lenght_m | unknown key | 'length_m'"),
-    ("[egos]\n", "egos | unknown key | did you mean 'ego'"),
     ("[sweep]\narms.av = 'soft_yield'", "arms.av | list"),
     ("[sweep]\narms.av = []", "arms.av | no values"),
     ("[sweep]", "nothing to vary"),
     ("sweep = 3", "sweep | table"),
     ("[sweep]\ncells = 3", "sweep.cells"),
-    ("[sweep]\ncells = []", "sweep.cells | [] | 1 to"),
     ("[sweep]\narms.av = ['hard_yield']\n[[sweep.cells]]\nego.length_m = 5.0", "arms"),
 ]
 
@@ -231,36 +192,28 @@ def test_bad_files(tmp_path: Path, text: str, said: str) -> None:
     refusal_of(lambda: study_of(read_scenario_file(path)), *said.split(" | "))
 
 
+BAD = Scenario.model_validate({"perception": {"occlusion": False}})
+"""Without obstacles; each key alone is accepted."""
+
+
 @pytest.mark.parametrize(
     "door",
     [
-        lambda bad: harness.run(bad, pairs=1, engine="plain"),
-        lambda bad: harness.run(Study("mine", bad, (Cell(0, {}, bad),)), engine="plain"),
-        lambda bad: harness.evaluate(bad, [{"arms.av": "hard_yield"}], range(1), engine="plain"),
-        lambda bad: harness.run_pair(bad, engine="plain"),
-        lambda bad: harness.check_strategy("hard_yield", scenario=bad),
-        lambda bad: harness.CrosswalkEnv(bad, engine="plain"),
+        lambda: harness.run(BAD, pairs=1, engine="plain"),
+        lambda: harness.run(Study("mine", BAD, (Cell(0, {}, BAD),)), engine="plain"),
+        lambda: harness.evaluate(BAD, [{"arms.av": "hard_yield"}], range(1), engine="plain"),
+        lambda: harness.run_pair(BAD, engine="plain"),
+        lambda: harness.check_strategy("hard_yield", scenario=BAD),
+        lambda: harness.CrosswalkEnv(BAD, engine="plain"),
     ],
 )
-@pytest.mark.parametrize(
-    ("keys", "said"),
-    [
-        ({"ego": {"lane": 5}}, "ego.lane: there is no lane 5"),
-        ({"perception": {"occlusion": False}}, "perception.occlusion: has no effect"),
-    ],
-)
-def test_every_door_refuses_what_a_file_may_not_say(
-    door: Callable[[Scenario], object], keys: dict[str, Any], said: str
-) -> None:
-    refusal_of(lambda: door(Scenario.model_validate(keys)), said)
+def test_every_door_refuses_what_a_file_may_not_say(door: Callable[[], object]) -> None:
+    refusal_of(door, "perception.occlusion: has no effect; allowed: its default")
+    lane = Scenario.model_validate({"ego": {"lane": 5}})
+    refusal_of(lambda: Cell(0, {}, lane), "ego.lane: there is no lane 5")
 
 
 def test_who_comes_in_a_simulation_is_in_the_schema() -> None:
     for people, flow in (({}, 0.0), ({"flow_per_hour": 9.0}, 9.0)):
         tree = {"simulation": {"file": "my.sumocfg", "crossings": [":J_c0"]}, "pedestrians": people}
         assert Scenario.model_validate(tree).pedestrians.flow_per_hour == flow
-
-
-def test_where_a_mistake_of_a_dictionary_is() -> None:
-    key = "ego.initial_speed_mps"
-    refusal_of(lambda: load_scenario("cctc", {key: "fast"}), f"settings {key}: 'fast' is not")

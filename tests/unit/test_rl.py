@@ -147,7 +147,7 @@ def test_the_vector_takes_the_nearest_first():
 def test_misuse_is_refused_in_words():
     refuses("nearest", lambda: environment(nearest=0))
     refuses("is a simulation", lambda: environment(scenario="traffic"))
-    refuses("flow_per_hour", lambda: environment({"pedestrians.flow_per_hours": 1}))
+
     refuses("pair", lambda: environment().reset(options={"pair": -1}))
     refuses("key 'paar'; .*mean 'pair'", lambda: environment().reset(options={"paar": 1}))
     refuses("seed: 9223372036854775808 is not", lambda: environment().reset(seed=2**63))

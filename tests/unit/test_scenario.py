@@ -60,25 +60,18 @@ def test_settings_are_applied_in_order_over_the_file_or_come_as_a_dictionary(tmp
     scenario = load_scenario(path, settings)
     assert (scenario.ego.length_m, scenario.ego.width_m) == (7.0, 1.5)
     assert scenario.arms.av == "hard_yield"
-    file = read_scenario_file("cctc_flow", {"ego.initial_speed_mps": 8, "experiment.pairs": 3})
-    scenario = file.scenario()
+    scenario = load_scenario("cctc_flow", {"ego.initial_speed_mps": 8, "experiment.pairs": 3})
     assert (scenario.ego.initial_speed_mps, scenario.experiment.pairs) == (8.0, 3)
     path.write_text('[model]\npath = "sub/m.json"\n')
     assert load_scenario(path).model.path == str((tmp_path / "sub" / "m.json").resolve())
 
 
 def test_numbers_and_arrays_of_numpy_are_numbers() -> None:
-    settings = {
-        "experiment.pairs": np.int64(7),
-        "ego.initial_speed_mps": np.float32(8.0),
-        "experiment.seed": np.arange(3)[2],
-        "model.extrapolate": np.True_,
-    }
+    settings: dict[str, Any] = {"experiment.pairs": np.int64(7)}
+    settings |= {"ego.initial_speed_mps": np.float32(8.0), "experiment.seed": np.arange(3)[2]}
+    settings |= {"model.extrapolate": np.True_}
     plain = {key: value.item() for key, value in settings.items()}
     assert load_scenario("cctc_flow", settings) == load_scenario("cctc_flow", plain)
-    file = read_scenario_file("cctc_flow")
-    flows = np.linspace(100, 300, 3)
-    study = study_of(file, [("pedestrians.flow_per_hour", flows)])  # type: ignore[list-item]
-    written = [dict(cell.varied) for cell in study.cells]
-    expected = json.dumps([{"pedestrians.flow_per_hour": flow} for flow in (100.0, 200.0, 300.0)])
-    assert json.dumps(written) == expected
+    flows: Any = [("pedestrians.flow_per_hour", np.linspace(100, 300, 3))]
+    varied = [dict(cell.varied) for cell in study_of(read_scenario_file("cctc_flow"), flows).cells]
+    assert json.dumps(varied[2]) == '{"pedestrians.flow_per_hour": 300.0}'
