@@ -18,8 +18,7 @@ from harness.encounter.arms import arm_key
 from harness.results.cell_findings import cell_findings
 from harness.results.estimators import CONFIDENCE
 from harness.results.result import flat
-from harness.scenario import Cell, EngineName, Scenario, Setting
-from harness.scenario.consistency import check_effects
+from harness.scenario import Cell, EngineName, Scenario, Setting, check_effects
 from harness.strategies.registry import source_digests
 from harness.studies.running import workers as local
 from harness.studies.running.run import checked_models, scenario_file
