@@ -108,9 +108,8 @@ def simulate_task(
 
 
 def _opened(scenario: Scenario, model: InteractionModel, pair: int, folder: Path) -> Setup:
-    if scenario.traffic is None:
-        return opened(scenario, model)
-    return opened_traffic(scenario, model, pair, folder)
+    ours = scenario.traffic is not None
+    return opened_traffic(scenario, model, pair, folder) if ours else opened(scenario, model)
 
 
 def _folders(task: Task, cell: int, scratch: Path) -> tuple[Path, Path]:
