@@ -161,6 +161,7 @@ _MEAN = partial(Estimate, by=estimators.mean, reliable_from=1_000)
 _SHARE = partial(Estimate, by=estimators.share, weight="ran", undefined="every episode failed")
 _COUNT = partial(Estimate, by=_count)
 _T_MEAN = partial(Estimate, by=mean_of_arms, of="both", undefined="there is none of these")
+_DELAY = partial(_T_MEAN, by=partial(mean_of_arms, least=float("-inf")))
 _T_SHARE = partial(_T_MEAN, by=share_of_arms, weight=counted("passages", "reached"))
 _OF_DRAWS = partial(Estimate, column=None, by=None, of="pair")
 _TENTHS, _THOUSANDTHS = Style(digits=1), Style(digits=3)
@@ -271,13 +272,13 @@ ENTRIES: tuple[Entry, ...] = (
          "clamped", _average, weight="conditionings", undefined="the model was not used"), _FINE),
     _SIMULATED("av_delay_s", "AVs' delay", "At the crosswalks, of the vehicles that `arms.av` "
           "drives; in the reference's arm of the same.",
-          _T_MEAN(averaged("passages", "delay_s", "av")), _TENTHS, "s", screen="always"),
+          _DELAY(averaged("passages", "delay_s", "av")), _TENTHS, "s", screen="always"),
     _SIMULATED("other_delay_s", "other vehicles' delay", "Of all others at the crosswalks.",
-          _T_MEAN(averaged("passages", "delay_s", "other")), _TENTHS, "s", screen="other"),
+          _DELAY(averaged("passages", "delay_s", "other")), _TENTHS, "s", screen="other"),
     _SIMULATED("people_wait_s", "people's wait", "At the kerb, until stepping off or the end.",
           _T_MEAN(averaged("people", "wait_s")), _TENTHS, "s", screen="always"),
     _SIMULATED("people_delay_s", "people's delay", "Against an undisturbed walk; of SUMO's people "
-          "their wait.", _T_MEAN(averaged("people", "delay_s")), _TENTHS, "s", screen="other"),
+          "their wait.", _DELAY(averaged("people", "delay_s")), _TENTHS, "s", screen="other"),
     _SIMULATED("queue_p95", "queue, 95 %, vehicles", "Vehicles below 5 km/h before the crosswalk, "
           "quantile over seconds; of several crosswalks that of the longest queue.",
           _T_MEAN(Of("max", "crosswalks", "queue_p95")), _TENTHS, screen="always"),
@@ -312,7 +313,7 @@ ENTRIES: tuple[Entry, ...] = (
     _SIMULATED("let_go", "people for whom the first driver yielded", "Of those who waited.",
           _T_SHARE(counted("people", "let_go"), weight=counted("people", "waited")), _PERCENT),
     _SIMULATED("vehicles_delay_s", "all vehicles' delay", "Of AVs and others at the crosswalks.",
-          _T_MEAN(averaged("passages", "delay_s")), _TENTHS, "s"),
+          _DELAY(averaged("passages", "delay_s")), _TENTHS, "s"),
     *(_SIMULATED(key, heading, meaning, _T_MEAN(averaged("vehicles", *of)), _TENTHS, "s",
           network=True) for key, heading, meaning, *of in (
           ("av_time_loss_s", "time loss of AVs", "Of trips through the whole network with the wait "

@@ -26,6 +26,7 @@ _LEFT_OUT = {
     "timed_out": ("time-out", "time-outs"),
     "met_nobody": ("pair met nobody", "pairs met nobody"),
     "not_in_time_ratio": ("pair not in the ratio of times", "pairs not in the ratio of times"),
+    "people_left_out": ("person left out", "people left out"),
 }
 """What the scope of a result says is left out: of one, and of several."""
 

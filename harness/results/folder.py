@@ -36,19 +36,15 @@ FINDINGS = "findings.json"
 EVENTS = "events"
 """The folder of the run that a risk makes of its events."""
 
-COMPUTES = (
-    "core/* measures/**/* model/interaction model/mixture/* scenario/* strategies/**/* "
-    "studies/risk/* encounter/arms encounter/driver results/ca* results/cell_f* results/col* "
-    "results/estimators results/finding results/simulated results/student results/tables"
-)
-"""The modules that make findings of rows; those of screens make none."""
-
 MAKES_ROWS = (
     "core/* site/* measures/**/* model/interaction model/mixture/* scenario/* strategies/**/* "
     "engine/* encounter/* simulation/* results/estimators results/finding results/rows "
     "results/tables studies/risk/* studies/running/[est]*"
 )
 """The modules that make rows of scenarios; in ``running`` episodes, simulations and tasks."""
+
+COMPUTES = f"{MAKES_ROWS} results/c[ao]* results/cell_f* results/s*"
+"""These and those that make findings of rows; those of screens make none."""
 
 _DIGEST = b"harness.digest"
 """The key of the manifest's digest in a part's metadata."""

@@ -260,6 +260,10 @@ def _cut_off(cell: CellFindings) -> Iterator[Said]:
     })  # fmt: skip
 
 
+def _people_left_out(cell: CellFindings) -> Iterator[Said]:
+    yield from _counted(cell, {"people_left_out": "People seen too briefly are in no number"})
+
+
 def _who_drove(cell: CellFindings) -> Iterator[Said]:
     share, by_sumo = cell["share_strategy"].value, [cell[f"share_{each}"].value for each in BY_SUMO]
     driven, passages = cell["driven"], cell["driven"].n
@@ -310,6 +314,7 @@ RULES: tuple[Rule, ...] = (
     Rule("people_of_sumo", "SUMO's people", None, _people_of_sumo),
     Rule("fallback", "another strategy drove (up to {:.3g} %)", _fallback, _fallback),
     Rule("left_out", "left out", _left_out, _cut_off),
+    Rule("people_left_out", "people left out", None, _people_left_out),
     Rule("outside_model", "outside the model's data", _outside_the_model, _outside_the_model),
     Rule("not_validated", "reference not validated", _not_validated, _not_validated),
     Rule("model_fit", "model fit", _model_fit, _model_fit),

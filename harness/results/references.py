@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from harness.core.freezing import frozen
 from harness.scenario import Scenario, load_scenario
@@ -31,8 +31,7 @@ FILE = Path(__file__).with_name("validated.json")
 @cache
 def known() -> Mapping[str, Any]:
     """The result of ``harness validate``, and the ratios of times of runs."""
-    results: Mapping[str, Any] = frozen(json.loads(FILE.read_text(encoding="utf-8")))
-    return results
+    return cast(Mapping[str, Any], frozen(json.loads(FILE.read_text(encoding="utf-8"))))
 
 
 def recorded() -> dict[str, Mapping[str, Any]]:

@@ -22,10 +22,10 @@ ALONE = "of one pair, as if its passages were independent"
 NO_EVENT = "no event in either arm, so the difference has no interval"
 
 
-def mean_of_arms(values: FloatArray, sampling: Sampling) -> Finding:
-    """The mean of an arm's values, none of which is negative, or of the arms' differences."""
+def mean_of_arms(values: FloatArray, sampling: Sampling, least: float = 0.0) -> Finding:
+    """The mean of an arm's values, none below ``least``, or of the arms' differences."""
     if values.ndim == 1:
-        return t_mean(values, sampling.confidence, least=0.0)
+        return replace(t_mean(values, sampling.confidence, least), p=None)
     return t_mean(np.subtract(*values), sampling.confidence)
 
 

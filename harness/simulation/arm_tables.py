@@ -15,6 +15,7 @@ from harness.core.vocabulary import Arm, FailedIn, StepMotion, ignore
 from harness.engine.arm_files import Trip, trips_in, write_config
 from harness.engine.session import Runs, Session
 from harness.engine.sources import CROSSWALK
+from harness.measures.efficiency import beyond
 from harness.simulation.arm import SimulatedArm
 from harness.simulation.passages import SimulatedRow, passages
 from harness.simulation.setup import Setup
@@ -150,7 +151,8 @@ def _people(
     crosswalk's axis from which they come, ``near`` its begin; on the harness's own road, where the
     axis begins at the far kerb, it is the kerb.  ``let_go`` says of those who waited whether they
     went before the first vehicle: before the first that kept them waiting, if they are the
-    harness's; before any, if they are SUMO's.
+    harness's; before any, if they are SUMO's.  ``delay_s`` is below 0 of those who walk on faster
+    than they set off.
 
     Args:
         people: everybody there.
@@ -166,7 +168,7 @@ def _people(
         if not person.own or walk.speed_mps is None:  # SUMO's, or they wait until the end
             delay_s = wait_s
         elif delay_s is not None:
-            delay_s = max(delay_s - arrival_s - crosswalk.length_m / walk.speed_mps, 0.0)
+            delay_s = float(beyond(delay_s - arrival_s, crosswalk.length_m / walk.speed_mps))
         if not person.own and wait_s > 0.0 and walk.start_s is not None:
             let_go = bisect_right(fronts_s, arrival_s) == bisect_right(fronts_s, until_s)
         yield {

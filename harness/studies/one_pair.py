@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from harness.core.errors import checked, whole_number
 from harness.core.vocabulary import Arm
@@ -44,8 +44,7 @@ class PairOutcome:
     @cached_property
     def traces(self) -> "pd.DataFrame":
         """One row per arm, step and object, as in ``run.table("traces")``."""
-        frame: pd.DataFrame = trace_rows(0, [self.av, self.human]).to_pandas()
-        return frame
+        return cast("pd.DataFrame", trace_rows(0, [self.av, self.human]).to_pandas())
 
     def __repr__(self) -> str:
         """What a debugger shows."""

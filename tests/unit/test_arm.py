@@ -164,3 +164,14 @@ def test_people_of_the_harness_are_moved_from_kerb_to_kerb(model) -> None:
         if row["cleared_s"] is not None:
             assert row["cleared_s"] == pytest.approx(row["start_s"] + 8.0 / row["speed_mps"])
             assert moves[-1][0] == pytest.approx(math.ceil(row["cleared_s"] / 0.5) * 0.5)
+
+
+def test_people_who_walk_on_faster_are_early_and_who_walks_alone_is_not_late(model) -> None:
+    """Delays are signed, so that means are unbiased; the last one comes when the car has passed."""
+    people = {"behaviour": "reactive", "flow_per_hour": 900.0, "kerb_wait_s": 0.0}
+    session = Scripted({"av": drive(3.0, *[7.0] * 40)})
+    arm = played(session, model, pedestrians=people, arms={"av": OWN, "human": "human_yield"})
+    known = [row for row in rows(arm, "people") if row["cleared_s"] is not None]
+    late_s = [row["cleared_s"] - row["arrival_s"] - 8.0 / row["speed_mps"] for row in known]
+    assert [row["delay_s"] for row in known] == pytest.approx(late_s)
+    assert min(late_s) < -2.0 < known[-1]["delay_s"] == 0.0

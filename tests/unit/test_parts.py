@@ -87,13 +87,6 @@ def test_rows_do_not_depend_on_the_division(
     assert one.to_pylist() == EPISODES.of(rows(pairs - 1, 1)).to_pylist()
 
 
-def test_what_follows_a_missing_part_is_left_out(tmp_path: Path) -> None:
-    for first in (0, 3, 9):
-        write(tmp_path, first, rows(first, 3))
-    assert read_cell(tmp_path, "episodes", 2, MANIFEST)["pair"].to_pylist()[-1] == 5
-    assert not read_cell(tmp_path, "episodes", 7, MANIFEST).num_rows
-
-
 def test_no_flipped_byte_changes_a_row_silently(tmp_path: Path) -> None:
     path, whole = write(tmp_path, 0, rows(0, 3)), EPISODES.of(rows(0, 3))
     content, refused = path.read_bytes(), 0

@@ -180,7 +180,8 @@ def test_numbers_of_a_crosswalk_by_hand(counted: CellFindings) -> None:
     assert near["contacts"].events == 2
     whole = {key for entry in entries_of("simulations") if entry.network for key in entry.keys}
     assert near.keys() == counted.findings.keys() - whole
-    assert counted["not_driven"].reason == "2 it came late"
+    (text,) = [note.text for note in notes_of([counted]) if note.key == "who_drove"]
+    assert "Left to SUMO: 2 of 6 passages: 2 it came late" in text
 
 
 def test_the_first_screen_does_not_repeat_a_row() -> None:
@@ -249,6 +250,7 @@ SAID: dict[str, tuple[Pairs, str]] = {
     "fallback (alone)": (altered(USUAL, fallback=True, pedestrians=0), f"in {DRIVEN} of {DRIVEN}"),
     "left_out": ([(arm([passage("b", rear_s=None)]), arm())] * 6, "did not end (AV 6, human_yi"),
     "left_out (waits)": ([(arm([], [], [person("p", start_s=None)]), arm())] * 6, "the end (AV 6,"),
+    "people_left_out": (several(*[{"people_left_out": 2}] * 2), "(AV 12, human_yield 12)."),
     "outside_model": (several({"conditionings": 8, "clamped": 2}), "in 25 % (AV) of its uses"),
 }
 
@@ -262,9 +264,10 @@ def test_what_misleads_is_said_and_what_does_not_is_not(key: str) -> None:
     assert key not in {note.key for note in notes_of([findings_of(*USUAL)])}
 
 
-def test_passages_that_no_strategy_drove_are_named_with_the_reason(counted: CellFindings) -> None:
-    (text,) = [note.text for note in notes_of([counted]) if note.key == "who_drove"]
-    assert "Left to SUMO: 2 of 6 passages: 2 it came late" in text
+def test_a_mean_delay_below_0_has_its_whole_interval() -> None:
+    pairs = [(arm([], [], [person("p", delay_s=-early)]), arm()) for early in (1.0, 2.0, 3.0)]
+    found, ends = findings_of(*pairs)["people_delay_s"], stats.t.interval(0.95, 2, -2.0, 3**-0.5)
+    assert (found.low, found.value, found.high) == pytest.approx((ends[0], -2.0, ends[1]))
 
 
 def written(folder: Path, *shares: float, pairs: int = 6, of: Pairs | None = None) -> Run:
