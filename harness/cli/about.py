@@ -1,5 +1,6 @@
 """Commands about networks and strategies: ``network, crossings, strategies``."""
 
+from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
@@ -87,17 +88,17 @@ def strategies(
     as_json: options.JsonOption = False,
 ) -> None:
     """List strategies with their parameters, or check one (--check)."""
+    from harness.strategies.parameters import KNOWS_THE_MODEL, knows_the_model, rows_of
+    from harness.strategies.registry import STRATEGIES, find_strategy
+
     if strategy is None:
         if settings or scenario != "cctc":
             option = "--set" if settings else "--scenario"
             raise InputError(option, "needs --check", f"--check STRATEGY with {option}")
-        from harness.report.strategy_rows import strategy_rows
-
+        listed = [*chain.from_iterable(map(rows_of, STRATEGIES, STRATEGIES.values()))]
         closing = ["harness strategies --check my_module:MyStrategy checks your own one."]
-        show_rows("strategies", strategy_rows(), quiet=quiet, as_json=as_json, closing=closing)
+        show_rows("strategies", listed, quiet=quiet, as_json=as_json, closing=closing)
         return
-    from harness.strategies.parameters import knows_the_model
-    from harness.strategies.registry import KNOWS_THE_MODEL, find_strategy
     from harness.studies.checks import check_strategy
 
     verdicts = check_strategy(strategy, None, scenario, options.settings_of(settings))

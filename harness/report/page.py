@@ -3,30 +3,25 @@
 import base64
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jinja2
 
-from harness.core.errors import HarnessError, InputError, checked
+from harness.core.errors import checked
 from harness.core.files import check_target, write_file
 from harness.core.versions import versions_of_runs
-from harness.report.pictures import DrawnPicture, PictureSource, pictures_of, pictures_of_result
+from harness.report.pictures import DrawnPicture, pictures_of, pictures_of_result
 from harness.report.player import player_of
 from harness.report.screen import below, confidence_of, filled
-from harness.report.shown import ShownPair, shown_pairs
 from harness.report.style import save, styled
 from harness.report.svg import inline_svg
 from harness.report.words import numbers_of, plain_text, text_and_ends
-from harness.results.folder import EVENTS, read_manifest
-from harness.results.loaded_run import Run, load_run
+from harness.results.loaded_run import Run
 from harness.results.result import Entered, Result, Table
 from harness.results.tables import TABLES_OF
 from harness.scenario.variation import flatten
-from harness.studies.allowed import Allowed, allowed_in
-from harness.studies.candidates import groups_of
-from harness.studies.comparison import compare
+from harness.studies.page_content import PageContent, page_content
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _NO_BREAK = "\N{NO-BREAK SPACE}"
@@ -98,82 +93,43 @@ def write_report(
             setting is refused.
         HarnessError: a file cannot be written.
     """
-    folder, plots = Path(folder), Path(figures) if figures else None
-    kind, page = read_manifest(folder)["kind"], Path(out or folder / "report.html")
+    page = Path(out or Path(folder) / "report.html")
     check_target(page)
-    if kind == "risk" and not settings:
-        from harness.studies.risk.estimate import read_risk
-
-        result = read_risk(folder)
-        if not result.closing:
-            allowed = "a risk with events; `harness show` has the numbers of this one"
-            raise InputError(str(folder), "no episode ended in the event", allowed)
-        run = load_run(folder / EVENTS)
-        about = (note for note in run.result().notes if note.key in ("selected", "failures"))
-        result = replace(result, notes=(*result.notes, *about))
-    else:
-        run = load_run(folder, settings)
-        result = run.result()
-    groups = groups_of([run]) if run.finished else []
-    several = any(len(group) > 1 for group in groups)
-    compared = compare(run, mu0=mu0, kappa0=kappa0) if several else None
-    judged = allowed_in(groups, mu0, kappa0, run.confidence)
-    shown, warnings = list[ShownPair](), list[str]()
-    try:
-        shown = shown_pairs(run) if run.kind == "encounters" else []
-    except HarnessError as error:
-        warnings.append(f"the page shows no episodes: {error}")
-    for pair in shown:
-        where = f"cell {pair.cell} pair {pair.pair}"
-        warnings += [f"{where} differs from its record: {each}" for each in pair.differences[:1]]
-    written = write_page(run, result, page, plots, shown, compared, judged)
-    return written._replace(warnings=tuple(warnings))
+    content = page_content(Path(folder), settings, mu0=mu0, kappa0=kappa0)
+    return write_page(content, page, Path(figures) if figures else None)
 
 
-def write_page(
-    run: Run,
-    result: Result,
-    out: Path | None = None,
-    figures: Path | None = None,
-    shown: Sequence[ShownPair] = (),
-    compared: Result | None = None,
-    allowed: Sequence[Allowed] = (),
-) -> Written:
+def write_page(content: PageContent, page: Path, figures: Path | None = None) -> Written:
     """Write a run's page, and on request its figures as PNG and PDF.
 
     Args:
-        run: a run with at least one pair.
-        result: its result.
-        out: the file; by default ``report.html`` in the run folder.
+        content: what it shows.
+        page: the file.
         figures: a folder for the figures, made if it is missing.
-        shown: pairs with traces for the player and the figures of speeds.
-        compared: the comparison of its strategies, whose tables and notes the page then has.
-        allowed: the verdicts on swept parameters, for the paper's figure.
 
     Raises:
         HarnessError: a file cannot be written.
     """
-    page = out or run.path / "report.html"
-    written: list[Path] = []
+    run, shown, written = content.run, content.shown, list[Path]()
     with styled():
-        drawn = list(pictures_of(PictureSource(run, shown, allowed)))
+        drawn = list(pictures_of(content))
         if figures is not None:
             for picture, caption, figure in drawn:
                 written += save(figure, caption, figures, picture.name)
         _write(
             page,
-            [result, *([compared] if compared is not None else [])],
+            [content.result, *([content.compared] if content.compared else [])],
             [(picture.name, picture.title, caption, figure) for picture, caption, figure in drawn],
-            list(_facts(run, result)),
+            [*_facts(run, content.result)],
             _RunParts(
                 str(run.path),
                 tuple(_failures(run)),
-                episodes=run.kind == "encounters",
+                episodes=content.has_episodes,
                 player=player_of(run, shown) if shown else None,
                 scenario=_scenario(run),
             ),
         )
-    return Written(page, tuple(written))
+    return Written(page, tuple(written), content.warnings)
 
 
 def write_result(result: Result, page: Path, drawn: Sequence[DrawnPicture] = ()) -> Path:

@@ -8,7 +8,7 @@ import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -33,10 +33,7 @@ from harness.results.result import Result, Shown
 from harness.results.tables import ENCOUNTERS, SIMULATIONS, RunKind
 from harness.strategies.registry import aggressiveness_of
 from harness.studies.allowed import as_number
-
-if TYPE_CHECKING:
-    from harness.report.shown import ShownPair
-    from harness.studies.allowed import Allowed
+from harness.studies.page_content import PageContent, ShownPair
 
 _FLOW = "pedestrians.flow_per_hour"
 _MOST_CELLS = 40
@@ -54,14 +51,6 @@ DrawnPicture = tuple[str, str, str, Figure]
 """A picture's name, title, caption and figure."""
 
 
-class PictureSource(NamedTuple):
-    """What pictures are drawn from: a run, the pairs with traces, and the paper's verdicts."""
-
-    run: Run
-    shown: "Sequence[ShownPair]" = ()
-    allowed: "Sequence[Allowed]" = ()
-
-
 class Picture(NamedTuple):
     """A picture of ``PICTURES``.
 
@@ -76,13 +65,13 @@ class Picture(NamedTuple):
 
     name: str
     title: str
-    wanted: Callable[[PictureSource], bool]
-    draw: Callable[[Sequence[Axes], PictureSource], str]
-    size: Callable[[PictureSource], tuple[int, float]] = lambda _scene: (1, HEIGHT_INCH)
+    wanted: Callable[[PageContent], bool]
+    draw: Callable[[Sequence[Axes], PageContent], str]
+    size: Callable[[PageContent], tuple[int, float]] = lambda _scene: (1, HEIGHT_INCH)
     kinds: tuple[RunKind, ...] = ENCOUNTERS
 
 
-def pictures_of(scene: PictureSource) -> Iterator[tuple[Picture, str, Figure]]:
+def pictures_of(scene: PageContent) -> Iterator[tuple[Picture, str, Figure]]:
     """Yield the pictures of a run with captions; call this inside ``style.styled``."""
     for picture in PICTURES:
         if scene.run.kind in picture.kinds and picture.wanted(scene):
@@ -128,19 +117,19 @@ def axis_label(key: str) -> str:
     return f"{words} ({unit})" if unit else words
 
 
-def _of_one_cell(scene: PictureSource) -> bool:
+def _of_one_cell(scene: PageContent) -> bool:
     return len(scene.run.cells) == 1
 
 
-def _with_crosswalks(scene: PictureSource) -> bool:
+def _with_crosswalks(scene: PageContent) -> bool:
     return _of_one_cell(scene) and bool(scene.run.cells[0].by_crosswalk)
 
 
-def _with_traces(scene: PictureSource) -> bool:
+def _with_traces(scene: PageContent) -> bool:
     return bool(scene.shown)
 
 
-def _over_a_key(scene: PictureSource) -> bool:
+def _over_a_key(scene: PageContent) -> bool:
     return 0 < len(_lines(scene.run, "pairs")) <= len(SERIES)
 
 
@@ -190,7 +179,7 @@ def _title(name: str, run: Run) -> tuple[str, float]:
     return (f"{title}, %", 100.0) if share else (title, 1.0)
 
 
-def _tau_mean(axes: Sequence[Axes], scene: PictureSource) -> str:
+def _tau_mean(axes: Sequence[Axes], scene: PageContent) -> str:
     run, scenario = scene.run, scene.run.cells[0].scenario
     paper = float(ENTRY_OF["mu"].paper) if is_the_papers(scenario) else None
     tau, driver = run.pairs["tau"], scenario.arms.human
@@ -201,14 +190,14 @@ def _tau_mean(axes: Sequence[Axes], scene: PictureSource) -> str:
     )
 
 
-def _tau(axes: Sequence[Axes], scene: PictureSource) -> str:
+def _tau(axes: Sequence[Axes], scene: PageContent) -> str:
     run, cell = scene.run, scene.run.cells[0]
     fallback = run.episodes.loc[run.episodes["arm"] == Arm.AV, "fallback"]
     draw.draw_tau(axes[0], run.pairs["tau"], cell["mu"], cell.scenario.arms.human, fallback)
     return f"Histogram of τ with its mean μ and the {level_text(run.confidence)} interval of μ."
 
 
-def _limits(axes: Sequence[Axes], scene: PictureSource) -> str:
+def _limits(axes: Sequence[Axes], scene: PageContent) -> str:
     """Draw the paper's figure of the influence of aggressiveness."""
     for place, swept in enumerate(scene.allowed[:_MOST]):
         table, _, name = swept.key.rpartition(".")
@@ -226,7 +215,7 @@ def _limits(axes: Sequence[Axes], scene: PictureSource) -> str:
     return f"{said}. {counts}as crashes."
 
 
-def _over(axes: Sequence[Axes], scene: PictureSource, name: str) -> str:
+def _over(axes: Sequence[Axes], scene: PageContent, name: str) -> str:
     run, key = scene.run, _across(scene.run) or ""
     up, scale = _title(name, run)
     level = (1.0, "as fast as the reference") if name == "time_ratio" else None
@@ -235,7 +224,7 @@ def _over(axes: Sequence[Axes], scene: PictureSource, name: str) -> str:
     return f"Over {key}, with {level_text(run.confidence)} intervals; points are a little apart."
 
 
-def _cells(axes: Sequence[Axes], scene: PictureSource) -> str:
+def _cells(axes: Sequence[Axes], scene: PageContent) -> str:
     """Draw the numbers of each cell with their intervals."""
     cells = scene.run.cells[:_MOST_CELLS]
     values = ([value for value in cell.varied.values() if value is not None] for cell in cells)
@@ -253,7 +242,7 @@ def _cells(axes: Sequence[Axes], scene: PictureSource) -> str:
     )
 
 
-def _curves(axes: Sequence[Axes], scene: PictureSource) -> str:
+def _curves(axes: Sequence[Axes], scene: PageContent) -> str:
     for panel, name in zip(axes, _OVER, strict=True):
         said = _over([panel], scene, name)
     return (
@@ -262,7 +251,7 @@ def _curves(axes: Sequence[Axes], scene: PictureSource) -> str:
     )
 
 
-def _by_crosswalk(axes: Sequence[Axes], scene: PictureSource) -> str:
+def _by_crosswalk(axes: Sequence[Axes], scene: PageContent) -> str:
     found = scene.run.cells[0].by_crosswalk
     names = [*found][:_MOST_CELLS]
     for panel, key in zip(axes, _AT, strict=True):
@@ -281,7 +270,7 @@ def _places(run: Run) -> dict[str, tuple[float, float]]:
     return {name: at for name, at in found.items() if None not in at}
 
 
-def _map(axes: Sequence[Axes], scene: PictureSource) -> str:
+def _map(axes: Sequence[Axes], scene: PageContent) -> str:
     found, places = scene.run.cells[0].by_crosswalk, _places(scene.run)
     sizes = {name: found[name]["conflicts_pet"].value for name in places}
     slower = {name: found[name]["av_delay_s_difference"] for name in places}
@@ -312,7 +301,7 @@ def _roads(run: Run) -> "tuple[list[ArrayLike], str]":
     return roads, "" if same else f" The roads are those of now: {net} has changed since the run."
 
 
-def _traces(scene: PictureSource) -> "Mapping[str, ShownPair]":
+def _traces(scene: PageContent) -> Mapping[str, ShownPair]:
     """A few shown pairs by name, those first that were chosen for their τ."""
     several = len(scene.run.study.cells) > 1
     named = {}
@@ -322,7 +311,7 @@ def _traces(scene: PictureSource) -> "Mapping[str, ShownPair]":
     return dict([*named.items()][:_MOST])
 
 
-def _motion(axes: Sequence[Axes], scene: PictureSource, of: Callable[..., None], what: str) -> str:
+def _motion(axes: Sequence[Axes], scene: PageContent, of: Callable[..., None], what: str) -> str:
     width_m = scene.run.scenario_of(scene.shown[0].cell).crossing.width_m
     of(axes[0], {name: pair.traces.to_pandas() for name, pair in _traces(scene).items()}, width_m)
     return f"The vehicle's {what}, in chosen pairs."

@@ -4,7 +4,6 @@ import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -19,9 +18,7 @@ from harness.results.folder import read_cell
 from harness.results.loaded_run import Run
 from harness.results.tables import Row
 from harness.scenario import Scenario
-
-if TYPE_CHECKING:
-    from harness.report.shown import ShownPair
+from harness.studies.page_content import ShownPair
 
 MOST_STATES = 1_500
 """Most states of one arm of a pair; longer traces are thinned evenly."""
@@ -60,7 +57,7 @@ class Player(Frozen):
         return htmlsafe_json_dumps(as_plain({"scenes": self.scenes, "episodes": self.episodes}))
 
 
-def player_of(run: Run, shown: "Sequence[ShownPair]") -> Player:
+def player_of(run: Run, shown: Sequence[ShownPair]) -> Player:
     """The player of a run's shown pairs, of which there is at least one."""
     scenes: dict[str, JsonObject] = {}
     episodes: list[JsonObject] = []
@@ -78,7 +75,7 @@ def player_of(run: Run, shown: "Sequence[ShownPair]") -> Player:
     return Player(" ".join(_words(run, shown, len(episodes))), scenes, episodes, groups)
 
 
-def pair_name(pair: "ShownPair", several: bool) -> str:
+def pair_name(pair: ShownPair, several: bool) -> str:
     """The name of a pair of a run of one or several cells."""
     return f"cell {pair.cell}, pair {pair.pair}" if several else f"pair {pair.pair}"
 
@@ -108,7 +105,7 @@ def _time_advantage_s(rows: pd.DataFrame, crossing: Crossing) -> FloatArray:
     return smallest
 
 
-def _words(run: Run, shown: "Sequence[ShownPair]", kept: int) -> Iterator[str]:
+def _words(run: Run, shown: Sequence[ShownPair], kept: int) -> Iterator[str]:
     total = sum(cell["pairs"].count for cell in run.cells)
     yield f"{kept:,} of {counted_noun(total, 'pair')}, both arms side by side."
     if any(pair.repeated for pair in shown):
@@ -138,7 +135,7 @@ def _scene(scenario: Scenario) -> JsonObject:
     }
 
 
-def _episode(run: Run, pair: "ShownPair") -> JsonObject:
+def _episode(run: Run, pair: ShownPair) -> JsonObject:
     """One pair as the player needs it, with both arms."""
     table = read_cell(run.path, "episodes", pair.cell, run.manifest, pair.pair)
     records: dict[Arm, Row] = {Arm(row["arm"]): row for row in table.to_pylist()}

@@ -22,6 +22,12 @@ GIVEN_BY_HARNESS = ("model", "rng", "step_s")
 _OPEN = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 """Kinds of arguments that have no name of their own."""
 
+KNOWS_THE_MODEL = "It is given the model from which the pedestrians are drawn."
+"""What is said of a strategy that knows more than real drivers do."""
+
+_SIGNS = {"ge": "≥", "gt": ">", "le": "≤", "lt": "<"}
+"""Signs by the names of pydantic's limits."""
+
 
 @lru_cache
 def form_of(strategy: StrategyFactory) -> type[BaseModel]:
@@ -84,3 +90,24 @@ def defaults_of(strategy: StrategyFactory) -> dict[str, Any]:
     """The defaults of the parameters that have one."""
     fields = form_of(strategy).model_fields
     return {name: field.default for name, field in fields.items() if not field.is_required()}
+
+
+def rows_of(name: str, strategy: StrategyFactory) -> list[dict[str, str | None]]:
+    """Rows for a user: what a strategy does, then the type and range of each parameter."""
+    meaning = (strategy.__doc__ or "no description").strip().splitlines()[0]
+    if knows_the_model(strategy):
+        meaning += f" {KNOWS_THE_MODEL}"
+    rows: list[dict[str, str | None]] = [
+        {"strategy": name, "parameter": None, "default": None, "meaning": meaning}
+    ]
+    for key, field in form_of(strategy).model_fields.items():
+        bounds = [
+            f"{sign} {getattr(limit, end):g}"
+            for limit in field.metadata
+            for end, sign in _SIGNS.items()
+            if hasattr(limit, end)
+        ]
+        typed = ", ".join([inspect.formatannotation(field.annotation), *bounds])
+        default = "none" if field.is_required() else repr(field.default)
+        rows.append({"strategy": name, "parameter": key, "default": default, "meaning": typed})
+    return rows

@@ -37,9 +37,6 @@ STRATEGIES: Mapping[str, StrategyFactory] = frozen({
     "sumo_driver": SumoDriver,
 })  # fmt: skip
 
-KNOWS_THE_MODEL = "It is given the model from which the pedestrians are drawn."
-"""What is said of a strategy that knows more than real drivers do."""
-
 
 def find_strategy(name: str, where: Place) -> StrategyFactory:
     """The strategy with a name: built-in, ``package.module:Class`` or a program.

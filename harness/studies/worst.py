@@ -162,12 +162,11 @@ def _result(run: Run, rows: "pd.DataFrame", among: int, by: str, arm: Arm) -> Re
     }
     styles = {name: _STYLES.get(name, Style(digits=3)) for name in (_SPEED, *_STYLES, by)}
     records, cells = list[dict[str, Plain | Finding]](), list[tuple[Entered, ...]]()
-    commands: dict[str, None] = {}
     for row in rows.astype(object).where(rows.notna(), None).to_dict("records"):
         number = row["cell"]
         chosen = f" --cell {number}" if several else ""
         place = f"{shlex.quote(str(run.path))}{chosen} --pair {row['pair']} --arm {arm}"
-        commands[command := f"harness replay {place} --gui"] = None
+        command = f"harness replay {place} --gui"
         found = {name: row[name] for name in headings if name in row}
         numbers = {name: Finding(found[name]) for name in styles if name in found}
         varied = run.study.cells[number].varied
@@ -183,7 +182,7 @@ def _result(run: Run, rows: "pd.DataFrame", among: int, by: str, arm: Arm) -> Re
         screen=Table("", tuple(Column(*each) for each in headings.items()), tuple(cells)),
         full=(),
         notes=notes_of(run.cells, older_code(run.manifest)),
-        closing=tuple(commands),
+        closing=tuple(dict.fromkeys(str(record["replay"]) for record in records)),
         facts={"folder": str(run.path), "by": by, "arm": arm.value},
         records=records,
     )

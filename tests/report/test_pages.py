@@ -8,11 +8,9 @@ import pytest
 
 from harness.core.vocabulary import Observation
 from harness.report.page import write_page, write_report
-from harness.report.shown import shown_pairs
 from harness.results.loaded_run import Run, load_run
-from harness.studies.allowed import allowed_in
-from harness.studies.candidates import groups_of
 from harness.studies.comparison import compare
+from harness.studies.page_content import page_content
 from harness.studies.running.run import run
 from harness.studies.worst import worst
 from tests.report.test_screens import PAPER, result as made_result
@@ -50,10 +48,6 @@ class Page(HTMLParser):
         return [name.removeprefix("figure-") for name in found]
 
 
-def written(run: Run, page: Path, **more: object) -> Page:
-    return Page(write_page(run, run.result(), page, **more).page)  # type: ignore[arg-type]
-
-
 @pytest.fixture(scope="module")
 def single(tmp_path_factory: pytest.TempPathFactory) -> Run:
     out = tmp_path_factory.mktemp("single")
@@ -74,7 +68,7 @@ def test_every_number_is_on_the_page_and_every_figure_in_the_folder(
     single: Run, tmp_path: Path
 ) -> None:
     result, figures = single.result(), tmp_path / "figures"
-    made = write_page(single, result, tmp_path / "page.html", figures, shown_pairs(single))
+    made = write_report(single.path, tmp_path / "page.html", figures)
     page = Page(made.page)
     assert page.figures() == ["tau-mean", "tau-distribution", *PROFILES]
     suffixes = {f"{name}.{suffix}" for name in page.figures() for suffix in ("png", "pdf")}
@@ -93,13 +87,12 @@ def test_every_number_is_on_the_page_and_every_figure_in_the_folder(
 def test_a_sweep_has_its_numbers_over_its_key_and_under_limits_the_papers_figure(
     swept: Run, tmp_path: Path
 ) -> None:
-    page = written(swept, tmp_path / "page.html")
-    assert page.figures() == OVER
+    page = Page(write_report(swept.path, tmp_path / "page.html").page)
+    assert page.figures() == OVER + PROFILES
     assert page.source.count(">*<") > 3  # 8 pairs are few
-    allowed = allowed_in(groups_of([swept]), 1.2, 0.5, swept.confidence)
     compared = compare(swept, mu0=1.2, kappa0=0.5)
-    judged = written(swept, tmp_path / "judged.html", compared=compared, allowed=allowed)
-    assert judged.figures() == ["aggressiveness", *OVER]
+    judged = Page(write_report(swept.path, tmp_path / "judged.html", mu0=1.2, kappa0=0.5).page)
+    assert judged.figures() == ["aggressiveness", *OVER, *PROFILES]
     assert [table.title for table in compared.full] == [
         title for title in judged.summaries if title.startswith(("Difference", "strategies."))
     ]
@@ -133,7 +126,8 @@ def test_what_a_run_is_called_and_fails_with_stays_text(tmp_path: Path) -> None:
     """Only our two scripts run, whose hashes the page names; failures and all notes are listed."""
     failed = run("cctc_flow", pairs=2, settings={"arms.av": Failing}, out=tmp_path / "run", **QUICK)  # type: ignore[arg-type]
     hostile = made_result(PAPER, HOSTILE, HOSTILE, full=(PAPER,), title=HOSTILE)
-    page = Page(write_page(failed, hostile, shown=shown_pairs(failed)).page)
+    content = page_content(failed.path)._replace(result=hostile)
+    page = Page(write_page(content, tmp_path / "page.html").page)
     scripts = [of for tag, of in page.tags if tag == "script"]
     assert [of.get("type") for of in scripts] == ["application/json", None, None]
     assert {"img", "b"}.isdisjoint(tag for tag, _ in page.tags)

@@ -12,10 +12,8 @@ from typing import Any, ClassVar
 import pytest
 
 from harness.report import page as pages
-from harness.report.page import write_page
-from harness.report.shown import shown_pairs
+from harness.report.page import write_report
 from harness.results.loaded_run import Run
-from harness.studies.comparison import compare
 from harness.studies.running.run import run
 from tests.report.test_pages import HOSTILE, Failing
 
@@ -63,12 +61,12 @@ def browser() -> Iterator[Any]:
         chromium.close()
 
 
-def opened_page(browser: Any, of: Run, **more: Any) -> Opened:
+def opened_page(browser: Any, of: Run, every: bool = False) -> Opened:
     """The page of a run with its player, in the browser; figures are looked at in ``every``."""
     with pytest.MonkeyPatch.context() as patch:
-        if not more.pop("every", False):
+        if not every:
             patch.setattr(pages, "pictures_of", lambda _scene: iter(()))
-        return Opened(browser, write_page(of, of.result(), shown=shown_pairs(of), **more).page)
+        return Opened(browser, write_report(of.path).page)
 
 
 QUICK: dict[str, Any] = {"engine": "plain", "workers": 0}
@@ -95,7 +93,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 @pytest.fixture(scope="module")
 def opened_sweep(browser: Any, swept: Run) -> Opened:
-    return opened_page(browser, swept, compared=compare(swept), every=True)
+    return opened_page(browser, swept, every=True)
 
 
 @pytest.fixture

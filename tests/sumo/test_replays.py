@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from harness.core.vocabulary import Arm
-from harness.report.shown import chosen_pairs, shown_pairs
 from harness.results.folder import read_cell
 from harness.results.loaded_run import Run
+from harness.studies.page_content import chosen_pairs, shown_pairs
 from harness.studies.running.replay import replay
 from harness.studies.running.run import run
 from harness.studies.worst import worst

@@ -110,7 +110,7 @@ def test_draws_that_are_not_sampled_are_said(tmp_path: Path) -> None:
     # Everybody who steps off is nearer than a kilometre.
     assert document["records"][0]["probability"]["value"] == 1.0
     said = {note["key"]: note["text"] for note in document["notes"]}
-    assert "what the strategy draws after its first 2 random numbers" in said["not sampled"]
+    assert "what the strategy draws after its first 2 random numbers" in said["not_sampled"]
     assert {"not_validated", "model_fit"} < said.keys()
 
 

@@ -12,11 +12,12 @@ import pytest
 
 from harness.core.seeding import number_of, stream
 from harness.engine.traffic_files import TRAFFIC_FILE
-from harness.report.pictures import PictureSource, pictures_of
+from harness.report.pictures import pictures_of
 from harness.report.style import styled
-from harness.results.loaded_run import Run, load_run
+from harness.results.loaded_run import Run
 from harness.scenario import load_scenario
 from harness.simulation.opening import vehicles_due
+from harness.studies.page_content import page_content
 from harness.studies.running.run import resume, run
 from tests import faulty, towns
 from tests.batches import content, here, printed, refusal
@@ -178,7 +179,7 @@ def test_a_run_is_not_resumed_with_other_files(tmp_path: Path) -> None:
 
 def said_of_the_map(folder: Path) -> str:
     with styled():
-        pictures = [*pictures_of(PictureSource(load_run(folder)))]
+        pictures = [*pictures_of(page_content(folder))]
     (said,) = [caption for picture, caption, _ in pictures if picture.name == "map"]
     return said
 

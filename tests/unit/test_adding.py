@@ -56,12 +56,11 @@ sys.modules.update(dict.fromkeys(["libsumo", "traci", "sumolib", "sumo"]))
 from pathlib import Path
 import harness
 from docs.hooks.reference import columns_page
-from harness.report.page import write_page
 
 run = harness.run("cctc", pairs=3, seed=1, out="run", workers=0, engine="plain")
 run = harness.load_run("run")
 result = run.result()
-write_page(run, result)
+harness.write_report("run")
 texts = {
     "page": Path("run/report.html").read_text(encoding="utf-8"),
     "json": json.dumps(result.to_dict()),

@@ -26,17 +26,17 @@ ROOMS = {
     "core": 637,
     "scenario": 983,
     "model": 2_019,
-    "strategies": 1_313,
+    "strategies": 1_332,
     "engine": 1_280,
     "encounter": 1_035,
     "measures": 1_188,
     "simulation": 1_550,
     "site": 280,
     "results": 2_136,
-    "report": 1_726,
+    "report": 1_590,
     "rl": 170,
     "cli": 712,
-    "studies": 4_113,
+    "studies": 4_230,
 }
 CODE |= {f"harness/{room}": lines for room, lines in ROOMS.items()}
 RUNNING = (

@@ -13,6 +13,7 @@ from harness.core.vocabulary import Arm, Behaviour, Ending
 from harness.encounter.arrivals import planned_arrivals
 from harness.measures import MEASURES, EpisodeRecord
 from harness.model.interaction import load_model
+from harness.results.folder import RiskAsked
 from harness.results.tables import DRAWS
 from harness.scenario import Scenario, load_scenario, validate
 from harness.scenario.sections import PerceptionSection
@@ -32,17 +33,16 @@ from tests.risks import (
     FLAT,
     crowd,
     drawn,
-    fault,
     found,
     gain,
     half_space,
-    is_true,
     rounds,
     union,
 )
 from tests.scenes import on_plain
 
 NOBODY = np.empty((0, 1))
+ASKED = RiskAsked(event="crashed", arm="av", target_cv=0.01, not_sampled=[])
 
 
 @pytest.mark.parametrize(
@@ -147,7 +147,7 @@ def test_what_a_risk_says_of_its_draws() -> None:
     light = rows([-1.0] * 100 + [1.0] * 900, [0.04] + [0.005] * 99 + [1.0] * 900)
     numbers = risk_findings([light])
     assert numbers["probability"].reliable
-    assert "target missed" in [note.key for note in risk_notes(numbers, (), 0.01)]
+    assert "target_missed" in [note.key for note in risk_notes(numbers, ASKED)]
     # Failures: the worst case, and no nominal draws.
     failing = rows([-1.0] * 40 + [math.nan] * 10 + [1.0] * 50, [1.0] * 100)
     numbers = risk_findings([failing])
@@ -155,7 +155,7 @@ def test_what_a_risk_says_of_its_draws() -> None:
     assert numbers["probability_worst"].value == 0.5
     assert (numbers["nominal_high"].n, numbers["failures"].value) == (90, 10)
     # Those of another round are not in the estimate: 0, not 1.
-    (note, *_) = risk_notes(risk_findings([failing, rows([1.0] * 9, [1.0] * 9)]), ())
+    (note, *_) = risk_notes(risk_findings([failing, rows([1.0] * 9, [1.0] * 9)]), ASKED)
     assert note.text.endswith("its probability would be 0.")
     nothing = risk_findings([rows([math.nan] * 9, [1.0] * 9)])
     assert (nothing["probability"].value, nothing["nominal_high"].value) == (None, None)
@@ -167,13 +167,6 @@ def test_the_second_way_is_found() -> None:
     run, truth = union(1e-4)
     for seed in range(5):
         assert found(run, FLAT, seed)["probability"].value > 0.85 * truth
-
-
-def test_a_fault_to_which_nothing_leads_lies_below_the_bound() -> None:
-    run, truth = fault(1e-3)
-    numbers = found(run, FLAT, 2)
-    assert is_true(numbers, truth)
-    assert numbers["weighted"].count
 
 
 def test_a_risk_of_which_every_episode_fails_ends_with_its_first_look() -> None:

@@ -11,7 +11,7 @@ from scipy import stats
 
 from harness.core.vocabulary import Arm
 from harness.measures.queues import growth, level_of_service
-from harness.report.page import write_page
+from harness.report.page import write_report
 from harness.results.catalogue import entries_of
 from harness.results.cell_findings import CellFindings, on_first_screen
 from harness.results.estimators import EQUAL
@@ -342,7 +342,7 @@ def test_a_page_has_the_figures_of_simulations(tmp_path: Path) -> None:
     one, many = written(tmp_path / "one", 1.0), written(tmp_path / "many", 0.25, 0.5, 1.0)
     drawn = {}
     for run in (one, many):
-        page = write_page(run, run.result(), figures=tmp_path / f"{run.path.name}-figures")
+        page = write_report(run.path, figures=tmp_path / f"{run.path.name}-figures")
         drawn[run.path.name] = {path.stem for path in page.figures}
         text = page.page.read_text(encoding="utf-8")
         assert text.count("<svg") >= len(drawn[run.path.name])

@@ -6,7 +6,7 @@ These do not hear Ctrl-C, and end with the process that started them.
 
 import os
 import signal
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from functools import partial
@@ -284,9 +284,9 @@ def _check(sample: Sample, settings: FitSettings, folds: int) -> None:
     fit_weighted(sample, settings._replace(starts=1), sample.weights, (1, 0))
     if len(settings.components) > 1:
         if settings.choose == "held-out" and not folds:
-            by_held_out({})
+            raise _no_scores()
         if settings.choose == "rule":
-            by_rule(dict.fromkeys(settings.components, 0.0))
+            _refuse_gaps(settings.components)
 
 
 def _joined(scores: Sequence[Mapping[str, HeldOut]]) -> Mapping[str, HeldOut]:
@@ -327,9 +327,13 @@ def by_held_out(scores: Mapping[int, HeldOut]) -> int:
         InputError: ``scores`` is empty.
     """
     if not scores:
-        allowed = "rows with identifiers of at least two vehicles, and 2 or more folds"
-        raise InputError(Parameter("choose", "held-out"), "there are no held-out scores", allowed)
+        raise _no_scores()
     return min(scores, key=lambda k: (-scores[k].mean, k))
+
+
+def _no_scores() -> InputError:
+    allowed = "rows with identifiers of at least two vehicles, and 2 or more folds"
+    return InputError(Parameter("choose", "held-out"), "there are no held-out scores", allowed)
 
 
 def by_rule(bic: Mapping[int, float]) -> int | None:
@@ -342,12 +346,16 @@ def by_rule(bic: Mapping[int, float]) -> int | None:
     Raises:
         InputError: the fitted K are not 1, 2, … without gaps up to at least 3.
     """
-    last = max(bic)
-    if last < 3 or sorted(bic) != list(range(1, last + 1)):
+    _refuse_gaps(bic)
+    least = RULE_SHARE * (bic[1] - bic[2])
+    return next((k for k in range(1, len(bic)) if bic[k] - bic[k + 1] < least), None)
+
+
+def _refuse_gaps(components: Collection[int]) -> None:
+    last = len(components)
+    if last < 3 or {*components} != {*range(1, last + 1)}:
         problem = "needs every K from 1 to at least 3"
         raise InputError(Parameter("choose", "rule"), problem, "e.g. 1..20 components")
-    least = RULE_SHARE * (bic[1] - bic[2])
-    return next((k for k in range(1, last) if bic[k] - bic[k + 1] < least), None)
 
 
 def relative_gain(bic: Mapping[int, float]) -> dict[int, float]:

@@ -34,7 +34,7 @@ from harness.results.notes import Note, retries
 from harness.results.place import place_in_words
 from harness.results.references import not_validated
 from harness.results.result import Column, Result, Shown, Table
-from harness.scenario import Cell, EngineName, Scenario, Study, validate
+from harness.scenario import Cell, EngineName, Study, validate
 from harness.scenario.study import study_from
 from harness.studies.risk import draws as risk_draws
 from harness.studies.risk.draws import DrawInputs, DrawOutcome, Proposal, Units
@@ -180,8 +180,10 @@ def risk(
         study, models, traces=False, engine=engine, pairs_per_part=0, risk=asked
     )
     path = claimed_folder.claim_folder(out, f"{study.name}-risk")
-    folders.write_manifest(path, manifest)
-    return resume_risk(path, workers=workers, executor=executor, progress=progress)
+    with runs.at_work(path, study, workers, executor, MOST_DRAWS) as at_work:
+        folders.write_manifest(path, manifest)
+        _carried_out(*at_work, progress)
+    return read_risk(path)
 
 
 def resume_risk(
@@ -192,46 +194,47 @@ def resume_risk(
     progress: Progress = ignore,
 ) -> Result:
     """Continue an interrupted risk; parts that were lost or damaged are made again."""
-    manifest, study = _read(path)
-    if folders.is_finished(path):
-        return read_risk(path)
+    _, study = _read(path)
+    if not folders.is_finished(path):
+        with runs.at_work(path, study, workers, executor, MOST_DRAWS) as at_work:
+            _carried_out(*at_work, progress)
+    return read_risk(path)
+
+
+def _carried_out(folder: claimed_folder.RunFolder, executor: Executor, progress: Progress) -> None:
+    """Draw the parts that are not done; run events; compute and write the findings."""
+    path, (manifest, study) = folder.path, _read(folder.path)
     scenario, asked, known = study.cells[0].scenario, manifest["risk"], manifest["simulated_with"]
     (model,) = runs.checked_models([scenario], manifest["engine"])
+    now = claimed_folder.simulated_with(study.driven, [model])
+    claimed_folder.refuse_other_versions(known, now)
     arm = Arm(asked["arm"])
-    claimed_folder.refuse_other_versions(
-        known, claimed_folder.simulated_with(study.driven, [model])
-    )
     space, event = space_of(scenario, arm), parse_event(asked["event"])
     whole = Task((), model, 0, 0, (arm,), engine=manifest["engine"], code=known["strategies"])
-    with runs.at_work(path, study, workers, executor, MOST_DRAWS) as (folder, chosen):
 
-        def draw(proposal: Proposal, round_: int, count: int) -> Units:
-            """The units of a round: those of finished parts are read, the others simulated."""
-            drawn, tasks, size = dict[int, pa.Table](), list[Task](), part_pairs(count)
-            own, cells = _Drawing(space, event, proposal), (Cell(round_, {}, scenario, valid=True),)
-            for first in range(0, count, size):
-                units = min(size, count - first)
-                task = replace(whole, cells=cells, first=first, count=units, own=own)
-                try:
-                    drawn[first] = folders.read_part(
-                        path, _TABLE, round_, first, manifest, task.pairs
-                    )
-                except folders.DamagedPartError:  # or there is none
-                    tasks.append(task)
-            for task, rows in runs.written(tasks, chosen, folder, manifest["digest"]):
-                drawn[task.first] = rows.tables[round_][_TABLE]
-                progress(len(drawn), -(-count // size))
-            return Units.of(pa.concat_tables([drawn[first] for first in sorted(drawn)]))
+    def draw(proposal: Proposal, round_: int, count: int) -> Units:
+        """The units of a round: those of finished parts are read, the others simulated."""
+        drawn, tasks, size = dict[int, pa.Table](), list[Task](), part_pairs(count)
+        own, cells = _Drawing(space, event, proposal), (Cell(round_, {}, scenario, valid=True),)
+        for first in range(0, count, size):
+            units = min(size, count - first)
+            task = replace(whole, cells=cells, first=first, count=units, own=own)
+            try:
+                drawn[first] = folders.read_part(path, _TABLE, round_, first, manifest, task.pairs)
+            except folders.DamagedPartError:  # or there is none
+                tasks.append(task)
+        for task, rows in runs.written(tasks, executor, folder, manifest["digest"]):
+            drawn[task.first] = rows.tables[round_][_TABLE]
+            progress(len(drawn), -(-count // size))
+        return Units.of(pa.concat_tables([drawn[first] for first in sorted(drawn)]))
 
-        folder.note("started")
-        rng = resampling(manifest["seed"], "risk")
-        with threadpool_limits(1, user_api="blas"):  # the last bits depend on the number of threads
-            rounds = rounds_of(draw, space, rng, asked["target_cv"], MOST_DRAWS)
-        _run_events(path, study, manifest["engine"], rounds[-1], chosen)
-        cell = CellFindings(0, {}, scenario, risk_findings(rounds))
-        folders.write_findings(path, manifest, [cell])
-        folder.note("finished")
-    return read_risk(path)
+    folder.note("started")
+    rng = resampling(manifest["seed"], "risk")
+    with threadpool_limits(1, user_api="blas"):  # the last bits depend on the number of threads
+        rounds = rounds_of(draw, space, rng, asked["target_cv"], MOST_DRAWS)
+    _run_events(path, study, manifest["engine"], rounds[-1], executor)
+    folders.write_findings(path, manifest, [CellFindings(0, {}, scenario, risk_findings(rounds))])
+    folder.note("finished")
 
 
 def _read(path: Path) -> tuple[folders.Manifest, Study]:
@@ -290,48 +293,44 @@ def risk_findings(rounds: Sequence[Units]) -> dict[str, Finding]:
     return {e.key: e.estimate.judged(told.get(e.key, Finding(None))) for e in entries_of("risk")}
 
 
-def risk_notes(found: Findings, chance: Sequence[str], target_cv: float = 1.0) -> Iterator[Note]:
+def risk_notes(
+    found: Findings, asked: folders.RiskAsked, doubt: tuple[str, str] = ("", ""), fit: bool = False
+) -> Iterator[Note]:
     """What a reader must know, the worst first.
 
     Args:
         found: the numbers.
-        chance: what is random and not sampled, in words.
-        target_cv: see ``risk``.
+        asked: what the risk is of.
+        doubt: that the reference, if it drives, was not validated in such scenes.
+        fit: whether people or the driver follow the interaction model.
     """
     p, every = found["probability"], f"{found['episodes'].count:,} episodes"
     failures, late = (found[key].count for key in ("failures", "timed_out_episodes"))
     bounds = (found[key].value for key in ("all_ways_high", "probability_worst"))
     high, worst = (1.0 if bound is None else bound for bound in bounds)  # it says nothing
     cv = found["coefficient_of_variation"].value
-    cv = np.nan if cv is None else cv
+    cv, target_cv, chance = np.nan if cv is None else cv, asked["target_cv"], asked["not_sampled"]
     said = (
         ("failures", failures, f"{failures:,} of {every} failed and count as no event.",
          f"If those of the estimate were events, its probability would be {worst:.3g}."),
-        ("no event", p.value is None, "No draw of the estimate ended in the event.",
+        ("no_event", p.value is None, "No draw of the estimate ended in the event.",
          f"In {every} no way to it was found, or none that draws could follow. Its probability is "
          f"at most {high:.2g} (95 %)."),
         ("unreliable", p.reliable is False, f"The interval is too narrow: {p.reason}.", ""),
-        ("other ways", found["weighted"].count, "The interval is of the ways to the event that "
+        ("other_ways", found["weighted"].count, "The interval is of the ways to the event that "
          "were found.", f"With all others the probability is at most {high:.2g} (95 %)."),
-        ("target missed", cv > target_cv, "The coefficient of variation is "
+        ("target_missed", cv > target_cv, "The coefficient of variation is "
          f"{cv:.2g}, above the target of {target_cv:g}.", f"{p.n:,} draws did not suffice."),
-        ("time-outs", late, f"{late:,} of {every} timed out and count as no event.", ""),
-        ("not sampled", chance, f"Random, but not sampled: {'; '.join(chance)}.",
+        ("timed_out", late, f"{late:,} of {every} timed out and count as no event.", ""),
+        ("not_sampled", chance, f"Random, but not sampled: {'; '.join(chance)}.",
          "A way to the event that needs rare values of these is found only by chance."),
+        ("not_validated", doubt[0], *doubt),
+        ("model_fit", fit, "The error of the model's fit is in no interval, and may be larger.",
+         "Compare several models: --set model.path=…."),
     )  # fmt: skip
     for rank, (key, holds, first, more) in enumerate(said):
         if holds:
-            yield Note(key, rank, key, first, more)
-
-
-def _notes_of_models(scenario: Scenario, arm: Arm, know: Sequence[str]) -> Iterator[Note]:
-    """What no interval has; ``know`` are the strategies that know the interaction model."""
-    if arm is Arm.HUMAN and (said := not_validated(scenario)):
-        yield Note("not_validated", 7, "reference not validated", *said)
-    if scenario.walks_by_model or scenario.arms.driver(arm) in know:
-        text = "The error of the model's fit is in no interval, and may be larger."
-        more = "Compare several models: --set model.path=…."
-        yield Note("model_fit", 8, "model fit", text, more)
+            yield Note(key, rank, key.replace("_", " "), first, more)
 
 
 def _found_again(path: Path, manifest: folders.Manifest, study: Study) -> Findings:
@@ -362,6 +361,9 @@ def read_risk(path: Path) -> Result:
     found = _found_again(path, manifest, study) if cells is None else cells[0].findings
     scenario, asked, quoted = study.cells[0].scenario, manifest["risk"], shlex.quote(str(path))
     arm = Arm(asked["arm"])
+    driver = scenario.arms.driver(arm)
+    doubt = (arm is Arm.HUMAN and not_validated(scenario)) or ("", "")
+    fit = scenario.walks_by_model or driver in manifest["know_the_model"]
     numbers = [
         (each.heading, Shown(found[each.key], each.style))
         for each in entries_of("risk")
@@ -375,18 +377,17 @@ def read_risk(path: Path) -> Result:
     shown = f"Events: harness worst {quoted}/{folders.EVENTS}. Page: harness report {quoted}"
     return Result(
         command="risk",
-        title=f"{study.name}: {asked['event']}, {scenario.arms.driver(arm)}",
+        title=f"{study.name}: {asked['event']}, {driver}",
         scope=f"{found['probability'].n:,} {how}; {episodes}; seed {manifest['seed']}",
         about=place_in_words([scenario]),
         screen=Table("", (Column("measure", ""), Column("value", "", interval=True)), (*numbers,)),
         full=(),
         notes=(
-            *risk_notes(found, asked["not_sampled"], asked["target_cv"]),
-            *_notes_of_models(scenario, arm, manifest["know_the_model"]),
+            *risk_notes(found, asked, doubt, fit),
             *older_code(manifest),
             *retries(folders.tried_again(path)),
         ),
         closing=() if found["probability"].value is None else (shown,),
         facts=facts,
-        records=[{"event": asked["event"], "strategy": scenario.arms.driver(arm), **found}],
+        records=[{"event": asked["event"], "strategy": driver, **found}],
     )
