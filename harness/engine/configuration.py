@@ -5,6 +5,7 @@ errors are as in SUMO.
 """
 
 import gzip
+import hashlib
 import os
 import xml.etree.ElementTree as ET
 import zlib
@@ -15,6 +16,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from harness.core.errors import EngineError, InputError
+from harness.core.files import read_file
 from harness.core.freezing import Frozen
 from harness.core.vocabulary import ROUNDING
 from harness.engine.installation import run_program, scratch_folder
@@ -28,6 +30,11 @@ DEFAULT_SEED = 23423
 _VEHICLES = ("vehicle", "trip", "flow")
 _PEOPLE = ("person", "personFlow")
 """The elements of a route file that bring vehicles, and people."""
+
+
+def digest_of(file: Path) -> str:
+    """The sha256 of a file's content."""
+    return hashlib.sha256(read_file(file)).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -60,6 +67,11 @@ class SumoConfig(Frozen):
     def inputs(self) -> list[Path]:
         """The configuration's file, its network, its additional files and its route files."""
         return [self.path, self.net, *self.demand]
+
+    @property
+    def digests(self) -> Mapping[str, str]:
+        """The hashes of the ``inputs`` by their paths."""
+        return {str(file): digest_of(file) for file in self.inputs}
 
     @property
     def step_s(self) -> float:

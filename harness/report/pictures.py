@@ -4,7 +4,6 @@ To add a picture, add a function that draws into axes and returns a caption, and
 ``PICTURES``.
 """
 
-import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -16,9 +15,8 @@ from numpy.typing import ArrayLike
 
 from harness.core.documents import unit_of
 from harness.core.errors import HarnessError
-from harness.core.files import read_file
 from harness.core.vocabulary import Arm
-from harness.engine.configuration import read_config
+from harness.engine.configuration import digest_of, read_config
 from harness.report import figures as draw
 from harness.report.player import pair_name
 from harness.report.style import HEIGHT_INCH, MUTED, SERIES, new_figure
@@ -293,7 +291,7 @@ def _roads(run: Run) -> "tuple[list[ArrayLike], str]":
 
     try:
         net = read_config(Path(simulation.file), simulation.step_s).net
-        lanes, now = read_town(net).lanes.values(), hashlib.sha256(read_file(net)).hexdigest()
+        lanes, now = read_town(net).lanes.values(), digest_of(net)
     except HarnessError as error:
         return [], f" The roads are not drawn, because the network cannot be read: {error}."
     roads: list[ArrayLike] = [each.shape for each in lanes if not is_inside_junction(each.id)]

@@ -1,15 +1,13 @@
 """A scenario's simulation is read, or drawn from ``[traffic]``; what its arms share comes out."""
 
-import hashlib
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from harness.core.errors import InputError, Place, nearest_name, unknown_name
-from harness.core.files import read_file
 from harness.core.seeding import stream, sumo_seed
 from harness.core.vocabulary import ROUNDING, SECONDS_PER_HOUR
 from harness.encounter.arms import asks_model
@@ -17,6 +15,7 @@ from harness.engine.configuration import (
     DEFAULT_SEED,
     SumoConfig,
     defined_types,
+    digest_of,
     people_in,
     read_config,
 )
@@ -92,7 +91,7 @@ def town_of(config: SumoConfig) -> Town:
     Raises:
         InputError: it is refused.
     """
-    return _town(config.net, _digest(config.net))
+    return _town(config.net, digest_of(config.net))
 
 
 def check(setup: Setup) -> None:
@@ -123,15 +122,6 @@ def check(setup: Setup) -> None:
     for name in setup.simulation.av_types:
         if name not in known:
             raise unknown_name("simulation.av_types", "vehicle type or class", name, known)
-
-
-def digests(config: SumoConfig) -> Mapping[str, str]:
-    """The hashes of a configuration's files, by their paths."""
-    return {str(file): _digest(file) for file in config.inputs}
-
-
-def _digest(file: Path) -> str:
-    return hashlib.sha256(read_file(file)).hexdigest()
 
 
 def chosen(town: Town, name: str, where: Place) -> Crosswalk:

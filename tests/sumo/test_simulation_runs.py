@@ -3,6 +3,7 @@
 import gzip
 import json
 import math
+import re
 import shutil
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -11,13 +12,15 @@ from typing import Any
 import pytest
 
 from harness.core.seeding import number_of, stream
+from harness.core.vocabulary import Arm
 from harness.engine.traffic_files import TRAFFIC_FILE
 from harness.report.pictures import pictures_of
 from harness.report.style import styled
-from harness.results.loaded_run import Run
+from harness.results.loaded_run import Run, load_run
 from harness.scenario import load_scenario
 from harness.simulation.opening import vehicles_due
 from harness.studies.page_content import page_content
+from harness.studies.running.replay import replay
 from harness.studies.running.run import resume, run
 from tests import faulty, towns
 from tests.batches import content, here, printed, refusal
@@ -167,8 +170,11 @@ def test_a_run_is_not_resumed_with_other_files(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         run(file, out=tmp_path / "run", workers=0, progress=_stop)
     trips = tmp_path / "vehicles.trips.xml"
-    trips.write_text(trips.read_text().replace("<trip ", "<trip  ", 1))
+    trips.write_text(re.sub("<trip [^>]*/>", "", trips.read_text(), count=1))
     refuses(r"vehicles.trips.xml has changed", lambda: resume(tmp_path / "run", workers=0))
+    (again,) = replay(load_run(tmp_path / "run"), 0, range(1), [Arm.AV], tmp_path / "again")
+    assert again.differences[0].endswith("vehicles.trips.xml has changed since the run")
+    assert any(line.startswith("vehicles: ") for line in again.differences)
     net = tmp_path / "net.net.xml"
     assert "roads" not in said_of_the_map(tmp_path / "run")
     net.write_text(net.read_text() + "<!-- new -->")

@@ -15,6 +15,7 @@ import pyarrow as pa
 from harness.core.errors import EngineError, InputError, Parameter
 from harness.core.files import cannot_write
 from harness.core.vocabulary import Arm, Ending
+from harness.engine.configuration import read_config
 from harness.engine.installation import check_packages
 from harness.engine.network import network_of
 from harness.engine.shared import close_engine
@@ -247,7 +248,10 @@ def differences_of(
     if found:
         scenario = run.scenario_of(cell)
         model = load_model(scenario.model.name, scenario.model.path)
-        now_with = simulated_with(scenario.arms.model_dump().values(), [model])
+        files, user = dict[str, str](), scenario.simulation
+        if user is not None:
+            files |= read_config(Path(user.file), user.step_s).digests
+        now_with = simulated_with(scenario.arms.model_dump().values(), [model], files)
         found = [*changes(run.manifest["simulated_with"], now_with), *found]
     return tuple(found)
 

@@ -16,7 +16,7 @@ from harness.results.rows import simulation_rows
 from harness.results.tables import Row, Tables
 from harness.scenario import Cell, Scenario, Study
 from harness.simulation.arm_tables import ArmTables, run_arm
-from harness.simulation.opening import check, digests, opened, opened_traffic
+from harness.simulation.opening import check, opened, opened_traffic
 from harness.simulation.setup import Setup
 from harness.studies.running.tasks import EpisodeId, Task, TaskRows, Tell
 
@@ -38,7 +38,7 @@ def checked_simulations(study: Study) -> tuple[list[InteractionModel], Mapping[s
         if scenario.traffic is None:
             found = opened(scenario, models[-1])
             check(found)
-            now = digests(found.config)
+            now = found.config.digests
             if not now.items() <= files.items():
                 check_routes(found.config)
             files |= now
