@@ -91,9 +91,12 @@ class Entry(NamedTuple):
         meaning: for the reference in the documentation.
         estimate: how it is estimated.
         style, unit: how it is written; a share's unit is per cent.
-        screen: whether the first screen has it, or only as soon as a pair was left out ("worst"),
-            or only where it is defined and other than the one before ("other"): the contacts of AVs
-            where all vehicles are.  ``--full`` has every entry.
+        screen: whether the first screen has it, or only where it is defined and other than the one
+            before ("other"): the contacts of AVs where all vehicles are.  ``--full`` has every
+            entry.
+        sweep: the places in ``keys`` of its numbers on the first screen of several cells.
+        worst_of: the number whose worst case it is, if the first screen has it as soon as a pair
+            was left out.
         beside: the entry of both arms in whose row a number of pairs stands.
         paper: the value in Chen, Zhao, Peng (2017), section III-E, as it is printed there.
         kinds: the kinds of run that have it.
@@ -106,7 +109,9 @@ class Entry(NamedTuple):
     estimate: Estimate
     style: Style = Style()
     unit: str = ""
-    screen: Literal["never", "always", "worst", "other"] = "never"
+    screen: Literal["never", "always", "other"] = "never"
+    sweep: tuple[int, ...] = ()
+    worst_of: str = ""
     beside: str = ""
     paper: str = ""
     kinds: tuple[RunKind, ...] = ENCOUNTERS
@@ -189,9 +194,9 @@ ENTRIES: tuple[Entry, ...] = (
           _MEAN("counted_time_s", undefined=_NO_TIME), _TENTHS, "s", screen="always"),
     Entry("time_ratio", "ratio of times", "Sum of the AV's times over the sum of the reference's, "
           "over the pairs of `time_s`.", Estimate("counted_time_s", _arms_ratio, of="pair",
-          reliable_from=1_000, undefined=_NO_TIME), beside="time_s", screen="always"),
-    Entry("time_ratio_worst", "ratio of times, worst case", _WORST, Estimate("worst_time_s",
-          _arms_ratio, of="pair", reliable_from=1_000), beside="kappa_worst", screen="worst"),
+          reliable_from=1_000, undefined=_NO_TIME), beside="time_s", screen="always", sweep=(0,)),
+    Entry("time_ratio_worst", "ratio of times, worst case", _WORST, Estimate("worst_time_s", _arms_ratio,
+          of="pair", reliable_from=1_000), worst_of="time_ratio", beside="kappa_worst"),
     Entry("mu", "μ, mean ratio of times", "μ, the mean of τ over the pairs in which both vehicles "
           "crossed; τ is the AV's time over the reference's.", _MEAN("tau", of="pair",
           undefined=_NO_TAU), _THOUSANDTHS, screen="always", paper="0.7044"),
@@ -201,22 +206,22 @@ ENTRIES: tuple[Entry, ...] = (
           undefined="fewer than two pairs in which both vehicles crossed"), _PERCENT,
           screen="always", paper="4.54 %"),
     Entry("kappa", "crashes", "κ, the share of the episodes that did not fail in which the "
-          "vehicle crashed.", _SHARE("crashed"), _EVENTS, screen="always", paper="0"),
+          "vehicle crashed.", _SHARE("crashed"), _EVENTS, screen="always", sweep=(0,), paper="0"),
     Entry("kappa_worst", "crashes, worst case", "Share of all pairs in which the AV crashed, "
           "failed or timed out.", _SHARE("missing", of="av", weight="every"), _EVENTS,
-          screen="worst"),
+          worst_of="kappa"),
     Entry("delay_s", "delay", "Mean over the episodes that crossed.", _MEAN("delay_s",
-          reliable_from=200, undefined=_NOT_CROSSED), _TENTHS, "s", screen="always"),
+          reliable_from=200, undefined=_NOT_CROSSED), _TENTHS, "s", screen="always", sweep=(0,)),
     Entry("delay_difference_s", "difference of delays", f"The AV's minus the reference's, over the "
           f"pairs in which the AV crossed. {_HUMAN_CRASHED}", _MEAN("delay_difference_s",
           of="pair", undefined=_NO_AV_TAU), _TENTHS, "s", beside="delay_s", screen="always"),
     Entry("pedestrian_wait_s", "people's wait", "Mean wait at the kerb: the sum of all waits over "
           "the number of people who arrived, up to the record's end.", Estimate("waited_s",
           estimators.ratio, weight="arrivals", reliable_from=200, undefined="nobody arrived"),
-          _TENTHS, "s", screen="always"),
+          _TENTHS, "s", screen="always", sweep=(0,)),
     Entry("conflict_pet", "PET below {pet_s:g} s", "Share of episodes with a post-encroachment "
           "time below `conflicts.pet_s`. A crash is a conflict of every kind.",
-          _SHARE("conflict_pet"), _PERCENT, screen="always"),
+          _SHARE("conflict_pet"), _PERCENT, screen="always", sweep=(0,)),
     Entry("conflict_ttc", "TTC below {ttc_s:g} s", "The same, of the least time to collision.",
           _SHARE("conflict_ttc"), _PERCENT),
     Entry("conflict_time_advantage", "time advantage below {time_advantage_s:g} s", "The same, of "
@@ -271,34 +276,38 @@ ENTRIES: tuple[Entry, ...] = (
          "for a vehicle that was faster or farther away than its data, among all uses.", Estimate(
          "clamped", _average, weight="conditionings", undefined="the model was not used"), _FINE),
     _SIMULATED("av_delay_s", "AVs' delay", "At the crosswalks, of the vehicles that `arms.av` "
-          "drives; in the reference's arm of the same.",
-          _DELAY(averaged("passages", "delay_s", "av")), _TENTHS, "s", screen="always"),
-    _SIMULATED("other_delay_s", "other vehicles' delay", "Of all others at the crosswalks.",
-          _DELAY(averaged("passages", "delay_s", "other")), _TENTHS, "s", screen="other"),
+          "drives; in the reference's arm of the same.", _DELAY(averaged("passages", "delay_s",
+          "av")), _TENTHS, "s", screen="always", sweep=(0, 2)),
+    _SIMULATED("other_delay_s", "other vehicles' delay", "Of all others at crosswalks.", _DELAY(
+          averaged("passages", "delay_s", "other")), _TENTHS, "s", screen="other", sweep=(2,)),
     _SIMULATED("people_wait_s", "people's wait", "At the kerb, until stepping off or the end.",
           _T_MEAN(averaged("people", "wait_s")), _TENTHS, "s", screen="always"),
     _SIMULATED("people_delay_s", "people's delay", "Against an undisturbed walk; of SUMO's people "
-          "their wait.", _DELAY(averaged("people", "delay_s")), _TENTHS, "s", screen="other"),
+          "their wait.", _DELAY(averaged("people", "delay_s")), _TENTHS, "s", screen="other",
+          sweep=(2,)),
     _SIMULATED("queue_p95", "queue, 95 %, vehicles", "Vehicles below 5 km/h before the crosswalk, "
           "quantile over seconds; of several crosswalks that of the longest queue.",
-          _T_MEAN(Of("max", "crosswalks", "queue_p95")), _TENTHS, screen="always"),
+          _T_MEAN(Of("max", "crosswalks", "queue_p95")), _TENTHS, screen="always", sweep=(0,)),
     _SIMULATED("throughput_per_hour", "throughput", "Vehicles over the crosswalks; with a queue "
           "that grows, the capacity.", _T_MEAN("throughput_per_hour"), Style(digits=0), "1/h",
-          screen="always"),
+          screen="always", sweep=(0,)),
     _SIMULATED("conflicts_pet", "PET below {pet_s:g} s", "Share of passages with a conflict or a "
-          f"contact. {_REACHED}", _T_SHARE(counted("passages", "pet")), _PERMILLE, screen="always"),
+          f"contact. {_REACHED}", _T_SHARE(counted("passages", "pet")), _PERMILLE, screen="always",
+          sweep=(0,)),
     _SIMULATED("contacts", "contacts with people", f"By the vehicle's oriented outline. {_REACHED}",
-          _T_SHARE(counted("passages", "touched")), _EVENTS, screen="always"),
+          _T_SHARE(counted("passages", "touched")), _EVENTS, screen="always", sweep=(0,)),
     *(_SIMULATED(f"{who}_{key}", f"{whose}' {words}", "In both arms of the same vehicles.",
           _T_SHARE(counted("passages", who, rows), weight=counted("passages", who, "reached")),
-          style, screen="other" if f"{who}_{key}" == "av_contacts" else "never")
+          style, screen="other" if f"{who}_{key}" == "av_contacts" else "never",
+          sweep=(0,) if f"{who}_{key}" == "av_contacts" else ())
       for key, words, rows, style in (("contacts", "contacts", "touched", _EVENTS),
                                       ("conflicts_pet", "PET below {pet_s:g} s", "pet", _PERMILLE))
       for who, whose in (("av", "AVs"), ("other", "other vehicles"))),
     *(_SIMULATED(f"share_{name}", f"AVs' steps by {words}", "Share that it decided of the steps in "
           "which a strategy drove AVs, in the reference's arm the same vehicles.",
           _T_SHARE(summed("passages", name, "av", "driven"), weight=summed("passages", "steps",
-          "av", "driven")), _PERCENT, screen="other" if name == "strategy" else "never")
+          "av", "driven")), _PERCENT, screen="other" if name == "strategy" else "never",
+          sweep=(0,) if name == "strategy" else ())
       for name, words in LIMITED_BY.items()),
     _SIMULATED("driven", "AVs' passages driven", "By a strategy.", _T_SHARE(counted("passages",
           "av", "driven"), weight=counted("passages", "av")), _PERMILLE),

@@ -79,8 +79,7 @@ def worst_cases(cells: Sequence[CellFindings]) -> list[Entry]:
     return [
         entry
         for entry in entries_of(cells[0].kind)
-        if entry.screen == "worst"
-        and any(cell[entry.key] != cell[entry.key.removesuffix("_worst")] for cell in cells)
+        if entry.worst_of and any(cell[entry.key] != cell[entry.worst_of] for cell in cells)
     ]
 
 
@@ -94,8 +93,7 @@ def on_first_screen(cell: CellFindings) -> list[Entry]:
     return [
         entry
         for entry, before, own in zip(entries, [[], *found], found, strict=False)
-        if entry.screen != "never"
-        and (worst or entry.screen != "worst")
+        if (entry.screen != "never" or (entry.worst_of and worst))
         and not all((each.value, each.reason) == (0, EQUAL) for each in own)
         and not (entry.screen == "other" and (own == before or all(e.value is None for e in own)))
     ]

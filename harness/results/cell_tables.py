@@ -10,16 +10,7 @@ from harness.results.finding import Findings, Form, Plain
 from harness.results.place import short_names
 from harness.results.references import is_the_papers
 from harness.results.result import Column, Entered, Shown, Table, Versus
-from harness.results.tables import RunKind
 from harness.strategies.registry import fallback_of
-
-_SWEEP: Mapping[RunKind, Sequence[str]] = {
-    "encounters": ("time_ratio", "delay_s", "pedestrian_wait_s", "kappa", "conflict_pet"),
-    "simulations": ("av_delay_s", "av_delay_s_difference", "other_delay_s_difference",
-                    "people_delay_s_difference", "queue_p95", "throughput_per_hour",
-                    "conflicts_pet", "contacts", "av_contacts", "share_strategy"),
-}  # fmt: skip
-"""The numbers of a sweep's row, after the swept keys; worst cases follow if pairs are left out."""
 
 _LEFT_OUT = {
     "failed": ("failure", "failures"),
@@ -53,7 +44,7 @@ def tables_of(cells: Sequence[CellFindings]) -> tuple[Table, tuple[Table, ...]]:
 
 def as_shown(entry: Entry, found: CellFindings | Findings, key: str = "") -> Shown:
     """A number of a cell as a table shows it."""
-    style, paired = entry.style, key.endswith("_difference")
+    style, paired = entry.style, key in entry.keys[2:]
     style = style._replace(form=Form.SHARE) if paired and style.form is Form.EVENTS else style
     return Shown(found[key or entry.key], style)
 
@@ -117,7 +108,7 @@ def _rows(
         found = [cell[key] for each in (entry, pair) if each is not None for key in each.keys]
         reasons = "; ".join(dict.fromkeys(filter(None, (finding.reason for finding in found))))
         heading = entry.title(cell.scenario.conflicts.model_dump())
-        if pair is not None and entry.screen == "worst":
+        if pair is not None and entry.worst_of:
             heading = "worst case: crashes, time"
         told = (entry.paper or None) if paper else None, (reasons or None) if remarks else None
         rows.append((heading, *own, *[None] * (2 - len(own)), *at, *told))
@@ -143,13 +134,15 @@ def _sweep(cells: Sequence[CellFindings]) -> Table:
         columns.append((Column(key, name), tuple(own)))
     thresholds = cells[0].scenario.conflicts
     swept = any(cell.scenario.conflicts != thresholds for cell in cells)
-    for key in (*_SWEEP[cells[0].kind], *(entry.key for entry in worst_cases(cells))):
-        entry, paired = ENTRY_OF[key], key.endswith("_difference")
+    numbers = [(entry, place) for entry in entries_of(cells[0].kind) for place in entry.sweep]
+    for entry, place in (*numbers, *((entry, 0) for entry in worst_cases(cells))):
+        key, paired = entry.keys[place], place == 2
         # A threshold that is swept has a column of its own.
         bare, threshold, _ = entry.heading.partition(" {")
         name = bare if swept and threshold else entry.title(thresholds.model_dump())
         name = f"{name}, AV − reference" if paired else name
-        columns.append((Column(key, name, paired), tuple(_number(key, cell) for cell in cells)))
+        column = Column(key, name, paired)
+        columns.append((column, tuple(_number(entry, key, cell) for cell in cells)))
     return table_of("", columns, legend="Two numbers in a cell: AV / reference.")
 
 
@@ -175,8 +168,7 @@ def _if_defined(entered: Entered) -> object:
     return None if isinstance(entered, Shown) and entered.finding.value is None else entered
 
 
-def _number(key: str, cell: CellFindings) -> Entered:
-    entry = ENTRY_OF[key]
+def _number(entry: Entry, key: str, cell: CellFindings) -> Entered:
     if key == entry.key and entry.estimate.of in ("arms", "both"):
         return Versus(*(as_shown(entry, cell, each) for each in entry.keys[:2]))
     return as_shown(entry, cell, key)

@@ -120,7 +120,7 @@ def test_what_did_not_cross_is_counted_and_the_worst_case_stands_beside(
     assert words in told.notes[key]
     assert [each for each in scope if each not in told.result.scope] == []
     assert told.cell["kappa_worst"].events == 3
-    for worst in (entry for entry in ENTRIES if entry.screen == "worst"):
+    for worst in (entry for entry in ENTRIES if entry.worst_of):
         assert told.shows(told.cell[worst.key])
     assert "worst case" in told.headings
     # Nothing is left out, so nothing is said.
