@@ -5,7 +5,7 @@ The form is made by pydantic from the constructor's annotations.  A range is par
 """
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from typing import Any, get_type_hints
 
@@ -92,14 +92,12 @@ def defaults_of(strategy: StrategyFactory) -> dict[str, Any]:
     return {name: field.default for name, field in fields.items() if not field.is_required()}
 
 
-def rows_of(name: str, strategy: StrategyFactory) -> list[dict[str, str | None]]:
-    """Rows for a user: what a strategy does, then the type and range of each parameter."""
+def rows_of(name: str, strategy: StrategyFactory) -> Iterator[dict[str, str | None]]:
+    """Yield rows for a user: what a strategy does, then the type and range of each parameter."""
     meaning = (strategy.__doc__ or "no description").strip().splitlines()[0]
     if knows_the_model(strategy):
         meaning += f" {KNOWS_THE_MODEL}"
-    rows: list[dict[str, str | None]] = [
-        {"strategy": name, "parameter": None, "default": None, "meaning": meaning}
-    ]
+    yield {"strategy": name, "parameter": None, "default": None, "meaning": meaning}
     for key, field in form_of(strategy).model_fields.items():
         bounds = [
             f"{sign} {getattr(limit, end):g}"
@@ -109,5 +107,4 @@ def rows_of(name: str, strategy: StrategyFactory) -> list[dict[str, str | None]]
         ]
         typed = ", ".join([inspect.formatannotation(field.annotation), *bounds])
         default = "none" if field.is_required() else repr(field.default)
-        rows.append({"strategy": name, "parameter": key, "default": default, "meaning": typed})
-    return rows
+        yield {"strategy": name, "parameter": key, "default": default, "meaning": typed}

@@ -2,14 +2,17 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
 
+from harness.core.freezing import Frozen
 from harness.core.seeding import Given, GivenFirst, Purpose, stream
 from harness.core.vocabulary import PedestrianView
+from harness.scenario.sections import PerceptionSection
 from harness.strategies.perception.sensor import Sensor
 
 Sighting = tuple[PedestrianView, bool]
@@ -161,7 +164,8 @@ class TrackStream(NamedTuple):
     drawn: Callable[[Sensor], bool] = lambda _: True
 
 
-class TrackError(NamedTuple):
+@dataclass(frozen=True)
+class TrackError(Frozen):
     """An error of a sensor.
 
     Attributes:
@@ -175,6 +179,12 @@ class TrackError(NamedTuple):
     keys: tuple[str, ...]
     streams: Mapping[Purpose, TrackStream]
 
+    def __post_init__(self) -> None:
+        """Refuse what is no key of ``[perception]``."""
+        super().__post_init__()
+        if not {*self.keys} <= PerceptionSection.model_fields.keys():
+            raise ValueError(f"{self.keys} are no keys of [perception]")
+
     def is_of(self, sensor: Sensor) -> bool:
         """Whether a sensor has the error."""
         return bool(sensor.section.changed(self.keys))
@@ -182,16 +192,14 @@ class TrackError(NamedTuple):
 
 # fmt: off
 ERRORS = (
-    TrackError(Detection, ("detection_probability", "dropout_probability"), MappingProxyType({
+    TrackError(Detection, ("detection_probability", "dropout_probability"), {
         "redetection": TrackStream(1, drawn=lambda s: s.section.detection_probability < 1 and (
             s.section.dropout_probability > 0 or len(s.obstacles) > 0)),
         "dropout": TrackStream(later="the updates at which perception loses a pedestrian",
                                drawn=lambda s: s.section.dropout_probability > 0),
-    })),
-    TrackError(Noise, ("position_sd_m", "speed_sd_mps"), MappingProxyType({
-        "perception_error": TrackStream(
-            2, "the change of perception errors after a pedestrian's first update"),
-    })),
+    }),
+    TrackError(Noise, ("position_sd_m", "speed_sd_mps"), {"perception_error": TrackStream(
+        2, "the change of perception errors after a pedestrian's first update")}),
 )
 """The errors, in the order in which they act at an update."""
 # fmt: on
