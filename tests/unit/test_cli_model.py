@@ -85,6 +85,8 @@ def test_what_the_files_do_not_say_is_said(harness):
          ["min_rnage_m", "did you mean 'min_range_m'"]),
         ("extract mine.csv --format table --out r.parquet --set min_range_m=100",
          ["format table: min_range_m: 100", "at most max_range_m = 60"]),
+        ("extract mine.csv --format table --out r.parquet --set max_angle_deg=1e6",
+         ["max_angle_deg: 1000000.0 is not accepted", "less than or equal to 180"]),
         ("fit nothing.parquet --out m.json", ["nothing.parquet", "no such"]),
         ("fit mine.csv --out m.txt", ["--out", ".json"]),
         ("fit mine.csv --out m.json --components 0..3", ["--components", "1 to 100"]),

@@ -34,7 +34,6 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from harness.core.documents import NonNegative, Positive
 from harness.core.errors import InputError
 from harness.core.vocabulary import ROUNDING, FloatArray
 from harness.model.trajectories.encounters import (
@@ -92,41 +91,39 @@ class File(NamedTuple):
     path: Path
 
 
+Degrees = Annotated[float, Field(ge=0, le=360)]
+BodyMetres = Annotated[float, Field(gt=0, le=100)]
+
+
 class VciOptions(ExtractionRules):
-    """Facts that are not in the files.
+    """Facts that are not in the files."""
 
-    Attributes:
-        frame_rate_hz: video frames per second; DUT's 23.98 is 24000/1001.
-        vehicle_length_m: length of a vehicle without corner points.
-    """
-
-    frame_rate_hz: Positive = 24000 / 1001
-    vehicle_length_m: Positive = 4.5
+    frame_rate_hz: Annotated[float, Field(gt=0, le=1_000)] = 24000 / 1001
+    """Video frames per second; DUT's 23.98 is 24000/1001."""
+    vehicle_length_m: BodyMetres = 4.5
+    """Length of a vehicle without corner points."""
 
 
 class MobileyeOptions(ExtractionRules):
-    """Site and screening; the defaults are the paper's crossing and the authors' scripts.
-
-    Attributes:
-        latitude_deg, longitude_deg: the crossing, origin of the axes.
-        axes_turn_deg: turn of the axes, counter-clockwise positive; the turned x axis must lie
-            along the road.
-        heading_above_deg: buses with this heading or a smaller one drive in the other direction and
-            are left out.  0 with ``heading_below_deg`` 360 keeps all buses.
-        heading_below_deg: buses with a heading above this are left out for the same reason.
-        sequence_gap_s: a longer pause starts a new sequence of the same obstacle.
-        min_sequence_s: shorter sequences are left out.
-        vehicle_length_m: a 40 ft city bus; only the post-encroachment time uses it.
-    """
+    """Site and screening; the defaults are the paper's crossing and the authors' scripts."""
 
     latitude_deg: Annotated[float, Field(gt=-90, lt=90)] = 42.278414
+    """Latitude of the crossing, the origin of the axes."""
     longitude_deg: Annotated[float, Field(ge=-180, le=180)] = -83.735580
-    axes_turn_deg: float = -46.5
-    heading_above_deg: NonNegative = 180.0
-    heading_below_deg: NonNegative = 360.0
-    sequence_gap_s: Positive = 2.0
-    min_sequence_s: NonNegative = 0.5
-    vehicle_length_m: Positive = 12.2
+    """Its longitude."""
+    axes_turn_deg: Annotated[float, Field(ge=-360, le=360)] = -46.5
+    """Turn of the axes, counter-clockwise positive; the turned x axis must lie along the road."""
+    heading_above_deg: Degrees = 180.0
+    """Buses with this heading or a smaller one drive in the other direction and are left out.  0
+    with ``heading_below_deg`` 360 keeps all buses."""
+    heading_below_deg: Degrees = 360.0
+    """Buses with a heading above this are left out for the same reason."""
+    sequence_gap_s: Annotated[float, Field(gt=0, le=60)] = 2.0
+    """A longer pause starts a new sequence of the same obstacle."""
+    min_sequence_s: Annotated[float, Field(ge=0, le=60)] = 0.5
+    """Shorter sequences are left out."""
+    vehicle_length_m: BodyMetres = 12.2
+    """A 40 ft city bus; only the post-encroachment time uses it."""
 
 
 def vci_clip(file: File, options: VciOptions, tally: Tally) -> Clip:

@@ -3,13 +3,12 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import gt, lt
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 import pandas as pd
-from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from harness.core.documents import NonNegative, Positive
 from harness.core.errors import InputError
 from harness.core.freezing import Frozen
 
@@ -59,43 +58,54 @@ REASONS: Mapping[Level, Mapping[str, str]] = {
 counts under the first reason that applies, so the counts of one level add up.  The reasons of
 candidates are bounds of ``ExtractionRules``, of the column whose name follows."""
 
+Seconds = Annotated[float, Field(gt=0, le=60)]
+Metres = Annotated[float, Field(ge=0, le=1_000)]
+MetresPerSecond = Annotated[float, Field(ge=0, le=100)]
+
 
 class ExtractionRules(BaseModel):
     """Thresholds of pairs and instants in SI units; the defaults are from the data page.
 
-    Attributes:
-        sample_s: interval of rows on the clip's clock (5 Hz).
-        speed_window_s: speeds are central differences over this window, cut at a track's ends.
-        max_gap_s: speeds are undefined across a longer gap between two records.
-        vehicle_extension_m, pedestrian_extension_m: a path is extended straight by this length
-            beyond its last record.
-        min_angle_deg, max_angle_deg: allowed angles between two crossing paths.
-        min_range_m … min_time_advantage_s: bounds of a row, both ends included.
-        min_vehicle_travel_m: a vehicle that stays within this distance of its first position is
-            parked; its jitter is not a path.
-        min_pedestrian_travel_m: the same for a standing pedestrian.
-        source: name of the data set; by default that of the folder (VCI sets) or of the file.
+    Bounds belong to what they bound: a row at its smallest range is kept.
     """
 
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
 
-    sample_s: Positive = 0.2
-    speed_window_s: Positive = 0.5
-    max_gap_s: Positive = 0.5
-    vehicle_extension_m: NonNegative = 12.0
-    pedestrian_extension_m: NonNegative = 3.0
-    min_angle_deg: NonNegative = 50.0
-    max_angle_deg: NonNegative = 130.0
-    min_range_m: NonNegative = 0.5
-    max_range_m: NonNegative = 60.0
-    min_lateral_m: NonNegative = 0.3
-    max_lateral_m: NonNegative = 15.0
-    min_vehicle_speed_mps: NonNegative = 0.3
-    min_pedestrian_speed_mps: NonNegative = 0.3
-    min_time_advantage_s: NonNegative = 0.02
-    min_vehicle_travel_m: NonNegative = 3.0
-    min_pedestrian_travel_m: NonNegative = 1.0
+    sample_s: Seconds = 0.2
+    """Interval of rows on the clip's clock (5 Hz)."""
+    speed_window_s: Seconds = 0.5
+    """Speeds are central differences over this window, cut at a track's ends."""
+    max_gap_s: Seconds = 0.5
+    """Speeds are undefined across a longer gap between two records."""
+    vehicle_extension_m: Metres = 12.0
+    """The path of a vehicle is extended straight by this length beyond its last record."""
+    pedestrian_extension_m: Metres = 3.0
+    """The same of a pedestrian's path."""
+    min_angle_deg: Annotated[float, Field(ge=0, le=180)] = 50.0
+    """Smallest angle between two crossing paths."""
+    max_angle_deg: Annotated[float, Field(ge=0, le=180)] = 130.0
+    """Largest angle between two crossing paths."""
+    min_range_m: Metres = 0.5
+    """Smallest R of a row."""
+    max_range_m: Metres = 60.0
+    """Largest R of a row."""
+    min_lateral_m: Metres = 0.3
+    """Smallest L of a row."""
+    max_lateral_m: Metres = 15.0
+    """Largest L of a row."""
+    min_vehicle_speed_mps: MetresPerSecond = 0.3
+    """Smallest v of a row."""
+    min_pedestrian_speed_mps: MetresPerSecond = 0.3
+    """Smallest v_p of a row."""
+    min_time_advantage_s: Annotated[float, Field(ge=0, le=60)] = 0.02
+    """Smallest T_adv of a row."""
+    min_vehicle_travel_m: Metres = 3.0
+    """A vehicle that stays within this distance of its first position is parked; its jitter is no
+    path."""
+    min_pedestrian_travel_m: Metres = 1.0
+    """The same of a standing pedestrian."""
     source: str | None = None
+    """Name of the data set; by default that of the folder (VCI sets) or of the file."""
 
     @model_validator(mode="after")
     def _bounds_are_in_order(self) -> Self:
