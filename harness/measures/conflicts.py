@@ -6,7 +6,7 @@ and the moment at which a pedestrian steps off.
 
 import numpy as np
 
-from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, STANDING_MPS, FloatArray, Side
+from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, STANDING_MPS, FloatArray, Side, advantage_s
 from harness.measures.chunk import Chunk
 from harness.measures.ego import crossing_time_s
 from harness.measures.motion.contact import gap_m
@@ -43,7 +43,8 @@ def time_advantage_s(
     both = (range_m > 0) & (lateral_m > 0)
     both &= (speed_mps >= STANDING_MPS) & (walking_mps >= STANDING_MPS)
     advantage = np.full(len(both), np.inf)
-    advantage[both] = np.abs(range_m[both] / speed_mps[both] - lateral_m[both] / walking_mps[both])
+    approaching = (each[both] for each in (range_m, speed_mps, lateral_m, walking_mps))
+    advantage[both] = advantage_s(*approaching)
     return advantage
 
 

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from harness.core.errors import InputError
 from harness.core.freezing import Frozen
+from harness.core.vocabulary import advantage_s
 
 ROW_COLUMNS = (
     "source", "clip", "vehicle", "pedestrian", "time_s", "range_m", "lateral_m",
@@ -179,9 +180,10 @@ def with_times(rows: pd.DataFrame) -> pd.DataFrame:
     """
     speed = rows["vehicle_speed_mps"].where(rows["vehicle_speed_mps"] != 0)
     walking = rows["pedestrian_speed_mps"].where(rows["pedestrian_speed_mps"] != 0)
-    arrival = rows["range_m"] / speed
-    advantage = (arrival - rows["lateral_m"] / walking).abs().fillna(rows["time_advantage_s"])
-    return rows.assign(arrival_time_s=arrival, time_advantage_s=advantage)
+    columns = (rows["range_m"], speed, rows["lateral_m"], walking)
+    found = pd.Series(advantage_s(*(each.to_numpy(float) for each in columns)), rows.index)
+    advantage = found.fillna(rows["time_advantage_s"])
+    return rows.assign(arrival_time_s=rows["range_m"] / speed, time_advantage_s=advantage)
 
 
 def kept_rows(candidates: pd.DataFrame, rules: ExtractionRules, tally: Tally) -> pd.DataFrame:
