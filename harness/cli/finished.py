@@ -12,6 +12,7 @@ from harness.cli import options
 from harness.cli.interruption import unwinding
 from harness.cli.output import say, show as show_result, show_rows
 from harness.core.errors import InputError, one_line
+from harness.studies.defaults import MOST_EPISODES, RANKED_BY
 
 
 def show(
@@ -87,8 +88,8 @@ def compare(
 
 def worst(
     run_folder: options.RunArgument,
-    by: options.ByOption = "pet_s",
-    most: Annotated[int, Option("-n", help="Number of episodes.", metavar="N")] = 20,
+    by: options.ByOption = RANKED_BY,
+    most: Annotated[int, Option("-n", help="Number of episodes.", metavar="N")] = MOST_EPISODES,
     arm: options.ArmOption = "av",
     cell: Annotated[int | None, Option(help="List only this cell.")] = None,
     driver: options.DriverOption = None,

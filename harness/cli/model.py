@@ -12,6 +12,7 @@ from harness.cli.interruption import unwinding
 from harness.cli.output import progress_bar, show
 from harness.core.errors import InputError
 from harness.core.files import check_target
+from harness.studies.defaults import CRITERION, FOLDS, SEED, STARTS, WEIGH
 
 
 def extract(
@@ -31,9 +32,8 @@ def extract(
     from harness.model.trajectories import extraction
     from harness.studies.models.model_results import extraction_result
 
-    rules = options.changes_of(settings)
     with unwinding():
-        extracted = extraction.extract(data, format_, **rules)
+        extracted = extraction.extract(data, format_, **options.changes_of(settings))
         result = extraction_result(extracted, [f"Rows: {out}"])
         extraction.write_rows(out, extracted, _command())
     show(result, [out], full=full, quiet=quiet, as_json=as_json)
@@ -43,12 +43,12 @@ def fit(
     rows: Annotated[Path, Argument(help="Rows that `harness extract` wrote.")],
     out: Annotated[Path, Option(help="File for the model (.json).")],
     components: options.ComponentsOption = "1..20",
-    choose: options.ChooseOption = "held-out",
-    weigh: options.WeighOption = "encounter",
+    choose: options.ChooseOption = CRITERION,
+    weigh: options.WeighOption = WEIGH,
     bounds: options.BoundsOption = None,
-    starts: Annotated[int, Option(min=1, help="Random starts of each fit.")] = 5,
-    folds: options.FoldsOption = 5,
-    seed: Annotated[int, Option(min=0, help="Seed of starts and folds.")] = 1,
+    starts: Annotated[int, Option(min=1, help="Random starts of each fit.")] = STARTS,
+    folds: options.FoldsOption = FOLDS,
+    seed: Annotated[int, Option(min=0, help="Seed of starts and folds.")] = SEED,
     name: Annotated[str | None, Option(help="The model's name; default: that of its file.")] = None,
     workers: options.WorkersOption = None,
     full: options.FullOption = False,

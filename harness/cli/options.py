@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from typer import Argument, Option
 
 from harness.core.files import shipped_directory
+from harness.studies.defaults import Criterion, WhoDrove
 
 if TYPE_CHECKING:
     from harness.scenario import Setting
@@ -42,7 +43,7 @@ CellOption = Annotated[int, Option(help="Number of the cell in a sweep.")]
 ArmOption = Annotated[Literal["av", "human"], Option(help="The AV's or the reference's arm.")]
 ByOption = Annotated[str, Option(help="Measure to rank by, e.g. min_ttc_s, delay_s, stops.")]
 _DRIVER = "Of simulations: only passages that the AVs' strategy, the reference or SUMO drove."
-DriverOption = Annotated[Literal["av", "reference", "sumo"] | None, Option(help=_DRIVER)]
+DriverOption = Annotated[WhoDrove | None, Option(help=_DRIVER)]
 Mu0Option = Annotated[float | None, Option(help="Upper limit of μ for the allowed interval.")]
 Kappa0Option = Annotated[float | None, Option(help="Upper limit of κ for the allowed interval.")]
 _EVENT = "crashed, or a limit: 'pet_s<1', 'min_ttc_s<0.5', 'min_gap_m<1', 'contact_speed_mps>5'."
@@ -64,9 +65,7 @@ _FOLDS = (
 FoldsOption = Annotated[int, Option(min=0, help=_FOLDS)]
 
 ComponentsOption = Annotated[str, Option(help="Numbers of components: 1..20, or 10 (the paper's).")]
-ChooseOption = Annotated[
-    Literal["held-out", "bic", "rule"], Option(help="Criterion for K; rule: the paper's.")
-]
+ChooseOption = Annotated[Criterion, Option(help="Criterion for K; rule: the paper's.")]
 WeighOption = Annotated[
     Literal["row", "encounter", "vehicle"], Option(help="What has equal weight.")
 ]

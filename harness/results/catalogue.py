@@ -195,8 +195,9 @@ ENTRIES: tuple[Entry, ...] = (
     Entry("time_ratio", "ratio of times", "Sum of the AV's times over the sum of the reference's, "
           "over the pairs of `time_s`.", Estimate("counted_time_s", _arms_ratio, of="pair",
           reliable_from=1_000, undefined=_NO_TIME), beside="time_s", screen="always", sweep=(0,)),
-    Entry("time_ratio_worst", "ratio of times, worst case", _WORST, Estimate("worst_time_s", _arms_ratio,
-          of="pair", reliable_from=1_000), worst_of="time_ratio", beside="kappa_worst"),
+    Entry("time_ratio_worst", "ratio of times, worst case", _WORST, Estimate("worst_time_s",
+          _arms_ratio, of="pair", reliable_from=1_000), worst_of="time_ratio",
+          beside="kappa_worst"),
     Entry("mu", "μ, mean ratio of times", "μ, the mean of τ over the pairs in which both vehicles "
           "crossed; τ is the AV's time over the reference's.", _MEAN("tau", of="pair",
           undefined=_NO_TAU), _THOUSANDTHS, screen="always", paper="0.7044"),

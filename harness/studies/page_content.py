@@ -95,7 +95,15 @@ def page_content(
         run = load_run(folder, settings)
         result = run.result()
     else:
-        run, result = _of_risk(folder)
+        from harness.studies.risk.estimate import read_risk  # which no other page needs
+
+        result = read_risk(folder)
+        if not result.closing:
+            allowed = "a risk with events; `harness show` has the numbers of this one"
+            raise InputError(str(folder), "no episode ended in the event", allowed)
+        run = load_run(folder / EVENTS)
+        about = (note for note in run.result().notes if note.key in ("selected", "failures"))
+        result = replace(result, notes=(*result.notes, *about))
     groups = groups_of([run]) if run.finished else []
     several = any(len(group) > 1 for group in groups)
     compared = compare(run, mu0=mu0, kappa0=kappa0) if several else None
@@ -110,19 +118,6 @@ def page_content(
         if pair.differences
     )
     return content._replace(shown=shown, warnings=tuple(warnings))
-
-
-def _of_risk(folder: Path) -> tuple[Run, Result]:
-    """The run of a risk's events, and what the risk says with what concerns these pairs."""
-    from harness.studies.risk.estimate import read_risk  # which no other page needs
-
-    result = read_risk(folder)
-    if not result.closing:
-        allowed = "a risk with events; `harness show` has the numbers of this one"
-        raise InputError(str(folder), "no episode ended in the event", allowed)
-    run = load_run(folder / EVENTS)
-    about = (note for note in run.result().notes if note.key in ("selected", "failures"))
-    return run, replace(result, notes=(*result.notes, *about))
 
 
 def shown_pairs(run: Run) -> list[ShownPair]:

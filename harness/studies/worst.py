@@ -15,6 +15,7 @@ from harness.results.notes import notes_of
 from harness.results.place import place_in_words
 from harness.results.result import Column, Entered, Result, Shown, Table
 from harness.results.tables import RunKind
+from harness.studies.defaults import MOST_EPISODES, RANKED_BY, WhoDrove
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,9 +25,6 @@ RANKED = MappingProxyType({each.column: each for each in MEASURES if each.worse 
 
 CONFLICT_S = 5.0
 """A larger PET or TTC counts as this value: no conflict (SSAM's maximum, FHWA-HRT-08-051)."""
-
-WhoDrove = Literal["av", "reference", "sumo"]
-"""Who drove a passage: the strategy of AVs, the reference's, or SUMO."""
 
 _COLUMNS: Mapping[RunKind, Mapping[str, str]] = {
     "encounters": {name: name for name in ("pair", "driver", "ending", "contact")},
@@ -50,8 +48,8 @@ _FINAL = 1_000_000.0
 @checked
 def worst(
     run: Run,
-    by: str = "pet_s",
-    most: int = 20,
+    by: str = RANKED_BY,
+    most: int = MOST_EPISODES,
     *,
     arm: Arm | Literal["av", "human"] = Arm.AV,
     cell: int | None = None,

@@ -18,10 +18,8 @@ from harness.cli import options
 from harness.cli.app import application
 from harness.core.vocabulary import Arm
 from harness.measures import MEASURES, EpisodeRecord
-from harness.model.sample import WEIGHINGS
+from harness.model.sample import WEIGHINGS, make_sample
 from harness.scenario import EngineName
-from harness.studies.models.fits import Choice
-from harness.studies.worst import WhoDrove
 from tests.scenes import refuses
 
 ROOT = Path(harness.__file__).parents[1]
@@ -102,10 +100,11 @@ def test_every_command_and_option_says_what_it_does(name: str) -> None:
 
 
 def test_an_option_has_the_choices_of_what_it_is_for() -> None:
-    chosen = (options.EngineOption, options.DriverOption, options.ChooseOption)
-    assert [get_args(each)[0] for each in chosen] == [EngineName, WhoDrove | None, Choice]
-    words = [get_args(get_args(each)[0]) for each in (options.WeighOption, options.ArmOption)]
-    assert words == [WEIGHINGS, tuple(Arm)]
+    chosen = (options.EngineOption, options.WeighOption, options.ArmOption)
+    words = [get_args(get_args(each)[0]) for each in chosen]
+    assert words == [get_args(EngineName), WEIGHINGS, tuple(Arm)]
+    (weigh,) = (param for param in ALL["fit"].params if param.name == "weigh")
+    assert weigh.default == inspect.signature(make_sample).parameters["weigh"].default
 
 
 MODULES = [

@@ -23,8 +23,9 @@ from harness.results.student import ALONE, ONE, clustered_share, t_mean, t_ratio
 from harness.scenario import Setting, read_scenario_file, study_of
 from harness.simulation.arm import ENDED
 from harness.studies.comparison import compare
+from harness.studies.defaults import WhoDrove
 from harness.studies.running.claimed_folder import manifest_of
-from harness.studies.worst import WhoDrove, worst
+from harness.studies.worst import worst
 from tests.batches import printed
 from tests.simulations import (
     Rows,

@@ -14,7 +14,7 @@ from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection
 from threading import Thread, current_thread, main_thread
 from types import MappingProxyType
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,8 +27,7 @@ from harness.model.mixture.conditional import Conditional
 from harness.model.mixture.distribution import TruncatedGaussianMixture
 from harness.model.mixture.fitting import FitResult, Search, fit_mixture
 from harness.model.sample import LABELS, Sample
-
-Choice = Literal["held-out", "bic", "rule"]
+from harness.studies.defaults import CRITERION, FOLDS, SEED, STARTS, WEIGH, Criterion
 
 MOST_COMPONENTS = 100
 
@@ -56,11 +55,11 @@ class FitSettings(NamedTuple):
     """
 
     components: tuple[int, ...]
-    choose: Choice = "held-out"
-    starts: int = 5
-    folds: int = 5
-    seed: int = 1
-    weigh: str = "encounter"
+    choose: Criterion = CRITERION
+    starts: int = STARTS
+    folds: int = FOLDS
+    seed: int = SEED
+    weigh: str = WEIGH
     bounds: tuple[str, ...] = ()
 
 
@@ -352,8 +351,7 @@ def by_rule(bic: Mapping[int, float]) -> int | None:
 
 
 def _refuse_gaps(components: Collection[int]) -> None:
-    last = len(components)
-    if last < 3 or {*components} != {*range(1, last + 1)}:
+    if len(components) < 3 or {*components} != {*range(1, len(components) + 1)}:
         problem = "needs every K from 1 to at least 3"
         raise InputError(Parameter("choose", "rule"), problem, "e.g. 1..20 components")
 

@@ -143,12 +143,12 @@ def _passage(trace: Trace) -> tuple[float | None, float | None]:
 
 def risk(
     study: Study,
-    event: str = "crashed",
+    event: str,
     *,
-    arm: Arm = Arm.AV,
-    target_cv: float = 0.1,
+    arm: Arm,
+    target_cv: float,
+    engine: EngineName,
     out: Path | None = None,
-    engine: EngineName = "plain",
     workers: int | None = None,
     executor: Executor | None = None,
     progress: Progress = ignore,
@@ -160,8 +160,8 @@ def risk(
         event: see ``parse_event``.
         arm: who drives.
         target_cv: target of the standard error divided by the probability.
-        out: a new or empty folder; default ``runs/<name>-risk-<next free number>``.
         engine, workers, executor: as for ``run``.
+        out: a new or empty folder; default ``runs/<name>-risk-<next free number>``.
         progress: receives the numbers of finished and planned parts of a round.
 
     Raises:

@@ -248,9 +248,8 @@ def differences_of(
     if found:
         scenario = run.scenario_of(cell)
         model = load_model(scenario.model.name, scenario.model.path)
-        files, user = dict[str, str](), scenario.simulation
-        if user is not None:
-            files |= read_config(Path(user.file), user.step_s).digests
+        user = scenario.simulation
+        files = {} if user is None else read_config(Path(user.file), user.step_s).digests
         now_with = simulated_with(scenario.arms.model_dump().values(), [model], files)
         found = [*changes(run.manifest["simulated_with"], now_with), *found]
     return tuple(found)
