@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given, strategies as st
 from pydantic import BaseModel
 
+from harness.core.errors import HarnessError
 from harness.core.files import shipped_directory
 from harness.engine.shared import close_engine
 from harness.model.interaction import SHIPPED
@@ -87,8 +88,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 @pytest.fixture
 def _nothing_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("harness.studies.running.run._carried_out", lambda *_: Mock())
-    monkeypatch.setattr("harness.cli.runs.show", lambda *_, **__: None)
+    begins = Mock(side_effect=HarnessError("here the tasks would begin"))
+    monkeypatch.setattr("harness.studies.running.run.tasks_of", begins)
 
 
 def files_of(folder: Path, kind: str) -> list[Path]:
