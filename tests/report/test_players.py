@@ -11,7 +11,6 @@ from typing import Any, ClassVar
 
 import pytest
 
-from harness.report import page as pages
 from harness.report.page import write_report
 from harness.results.loaded_run import Run
 from harness.studies.running.run import run
@@ -61,14 +60,6 @@ def browser() -> Iterator[Any]:
         chromium.close()
 
 
-def opened_page(browser: Any, of: Run, every: bool = False) -> Opened:
-    """The page of a run with its player, in the browser; figures are looked at in ``every``."""
-    with pytest.MonkeyPatch.context() as patch:
-        if not every:
-            patch.setattr(pages, "pictures_of", lambda _scene: iter(()))
-        return Opened(browser, write_report(of.path).page)
-
-
 QUICK: dict[str, Any] = {"engine": "plain", "workers": 0}
 
 
@@ -80,7 +71,7 @@ def single(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 @pytest.fixture(scope="module")
 def opened(browser: Any, single: Run) -> Opened:
-    return opened_page(browser, single, every=True)
+    return Opened(browser, write_report(single.path).page)
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +84,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 @pytest.fixture(scope="module")
 def opened_sweep(browser: Any, swept: Run) -> Opened:
-    return opened_page(browser, swept, every=True)
+    return Opened(browser, write_report(swept.path).page)
 
 
 @pytest.fixture
