@@ -11,7 +11,7 @@ WhoDrove = Literal["av", "reference", "sumo"]
 CRITERION: Final = "held-out"
 WEIGH: Final = "encounter"
 STARTS, FOLDS, SEED = 5, 5, 1
-"""Of a fit: the criterion; what has equal weight; starts for each K; folds of vehicles; the seed of both."""
+"""Of a fit: criterion, what has equal weight, starts for each K, folds of vehicles, seed."""
 
 RANKED_BY, MOST_EPISODES = "pet_s", 20
 """Of the worst episodes: the measure, and how many are listed."""
