@@ -1,6 +1,5 @@
 """Commands about networks and strategies: ``network, crossings, strategies``."""
 
-from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
@@ -95,7 +94,7 @@ def strategies(
         if settings or scenario != "cctc":
             option = "--set" if settings else "--scenario"
             raise InputError(option, "needs --check", f"--check STRATEGY with {option}")
-        listed = [*chain.from_iterable(map(rows_of, STRATEGIES, STRATEGIES.values()))]
+        listed = [row for each in STRATEGIES.items() for row in rows_of(*each)]
         closing = ["harness strategies --check my_module:MyStrategy checks your own one."]
         show_rows("strategies", listed, quiet=quiet, as_json=as_json, closing=closing)
         return

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Literal, NamedTuple, Protocol, TypeVar
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,6 @@ from harness.core.freezing import Frozen, frozen
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
-_N = TypeVar("_N", float, FloatArray)
 
 Behaviour = Literal["constant", "gap_acceptance", "threshold", "reactive"]
 """How pedestrians decide and walk (docs/method.md, Pedestrians)."""
@@ -303,8 +302,8 @@ class Arrival(NamedTuple):
     leader: "Arrival | None" = None
 
 
-def advantage_s(range_m: _N, speed_mps: _N, lateral_m: _N, walking_mps: _N) -> _N:
-    """T_adv = abs(R/v − L/v_p) in s (Chen, Zhao, Peng 2017) of those who move.
+def advantage_s(range_m: Any, speed_mps: Any, lateral_m: Any, walking_mps: Any) -> Any:
+    """T_adv = abs(R/v − L/v_p) in s (Chen, Zhao, Peng 2017) of those who move: numbers or arrays.
 
     Whoever asks decides from which speed on somebody moves, and what T_adv is of those who stand.
     """

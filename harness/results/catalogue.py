@@ -196,8 +196,7 @@ ENTRIES: tuple[Entry, ...] = (
           "over the pairs of `time_s`.", Estimate("counted_time_s", _arms_ratio, of="pair",
           reliable_from=1_000, undefined=_NO_TIME), beside="time_s", screen="always", sweep=(0,)),
     Entry("time_ratio_worst", "ratio of times, worst case", _WORST, Estimate("worst_time_s",
-          _arms_ratio, of="pair", reliable_from=1_000), worst_of="time_ratio",
-          beside="kappa_worst"),
+          _arms_ratio, "pair", reliable_from=1_000), worst_of="time_ratio", beside="kappa_worst"),
     Entry("mu", "μ, mean ratio of times", "μ, the mean of τ over the pairs in which both vehicles "
           "crossed; τ is the AV's time over the reference's.", _MEAN("tau", of="pair",
           undefined=_NO_TAU), _THOUSANDTHS, screen="always", paper="0.7044"),
@@ -208,9 +207,8 @@ ENTRIES: tuple[Entry, ...] = (
           screen="always", paper="4.54 %"),
     Entry("kappa", "crashes", "κ, the share of the episodes that did not fail in which the "
           "vehicle crashed.", _SHARE("crashed"), _EVENTS, screen="always", sweep=(0,), paper="0"),
-    Entry("kappa_worst", "crashes, worst case", "Share of all pairs in which the AV crashed, "
-          "failed or timed out.", _SHARE("missing", of="av", weight="every"), _EVENTS,
-          worst_of="kappa"),
+    Entry("kappa_worst", "crashes, worst case", "Share of all pairs in which the AV crashed, failed"
+          " or timed out.", _SHARE("missing", of="av", weight="every"), _EVENTS, worst_of="kappa"),
     Entry("delay_s", "delay", "Mean over the episodes that crossed.", _MEAN("delay_s",
           reliable_from=200, undefined=_NOT_CROSSED), _TENTHS, "s", screen="always", sweep=(0,)),
     Entry("delay_difference_s", "difference of delays", f"The AV's minus the reference's, over the "

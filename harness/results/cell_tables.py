@@ -141,8 +141,7 @@ def _sweep(cells: Sequence[CellFindings]) -> Table:
         bare, threshold, _ = entry.heading.partition(" {")
         name = bare if swept and threshold else entry.title(thresholds.model_dump())
         name = f"{name}, AV − reference" if paired else name
-        column = Column(key, name, paired)
-        columns.append((column, tuple(_number(entry, key, cell) for cell in cells)))
+        columns.append((Column(key, name, paired), tuple(_number(entry, key, c) for c in cells)))
     return table_of("", columns, legend="Two numbers in a cell: AV / reference.")
 
 

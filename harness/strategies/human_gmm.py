@@ -81,5 +81,5 @@ def inverse_time_advantage(
     """1/T_adv = 1/abs(R/v − L/v_p) in 1/s; 0 if either of them stands, infinite if T_adv = 0."""
     if speed_mps <= 0 or walking_speed_mps <= 0:
         return 0.0
-    advantage = advantage_s(range_m, speed_mps, lateral_m, walking_speed_mps)
+    advantage: float = advantage_s(range_m, speed_mps, lateral_m, walking_speed_mps)
     return 1 / advantage if advantage > 0 else float("inf")

@@ -91,16 +91,12 @@ class File(NamedTuple):
     path: Path
 
 
-Degrees = Annotated[float, Field(ge=0, le=360)]
-BodyMetres = Annotated[float, Field(gt=0, le=100)]
-
-
 class VciOptions(ExtractionRules):
     """Facts that are not in the files."""
 
     frame_rate_hz: Annotated[float, Field(gt=0, le=1_000)] = 24000 / 1001
     """Video frames per second; DUT's 23.98 is 24000/1001."""
-    vehicle_length_m: BodyMetres = 4.5
+    vehicle_length_m: Annotated[float, Field(gt=0, le=100)] = 4.5
     """Length of a vehicle without corner points."""
 
 
@@ -113,16 +109,16 @@ class MobileyeOptions(ExtractionRules):
     """Its longitude."""
     axes_turn_deg: Annotated[float, Field(ge=-360, le=360)] = -46.5
     """Turn of the axes, counter-clockwise positive; the turned x axis must lie along the road."""
-    heading_above_deg: Degrees = 180.0
+    heading_above_deg: Annotated[float, Field(ge=0, le=360)] = 180.0
     """Buses with this heading or a smaller one drive in the other direction and are left out.  0
     with ``heading_below_deg`` 360 keeps all buses."""
-    heading_below_deg: Degrees = 360.0
+    heading_below_deg: Annotated[float, Field(ge=0, le=360)] = 360.0
     """Buses with a heading above this are left out for the same reason."""
     sequence_gap_s: Annotated[float, Field(gt=0, le=60)] = 2.0
     """A longer pause starts a new sequence of the same obstacle."""
     min_sequence_s: Annotated[float, Field(ge=0, le=60)] = 0.5
     """Shorter sequences are left out."""
-    vehicle_length_m: BodyMetres = 12.2
+    vehicle_length_m: Annotated[float, Field(gt=0, le=100)] = 12.2
     """A 40 ft city bus; only the post-encroachment time uses it."""
 
 

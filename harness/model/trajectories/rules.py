@@ -61,7 +61,6 @@ candidates are bounds of ``ExtractionRules``, of the column whose name follows."
 
 Seconds = Annotated[float, Field(gt=0, le=60)]
 Metres = Annotated[float, Field(ge=0, le=1_000)]
-MetresPerSecond = Annotated[float, Field(ge=0, le=100)]
 
 
 class ExtractionRules(BaseModel):
@@ -94,9 +93,9 @@ class ExtractionRules(BaseModel):
     """Smallest L of a row."""
     max_lateral_m: Metres = 15.0
     """Largest L of a row."""
-    min_vehicle_speed_mps: MetresPerSecond = 0.3
+    min_vehicle_speed_mps: Annotated[float, Field(ge=0, le=100)] = 0.3
     """Smallest v of a row."""
-    min_pedestrian_speed_mps: MetresPerSecond = 0.3
+    min_pedestrian_speed_mps: Annotated[float, Field(ge=0, le=100)] = 0.3
     """Smallest v_p of a row."""
     min_time_advantage_s: Annotated[float, Field(ge=0, le=60)] = 0.02
     """Smallest T_adv of a row."""
@@ -180,9 +179,8 @@ def with_times(rows: pd.DataFrame) -> pd.DataFrame:
     """
     speed = rows["vehicle_speed_mps"].where(rows["vehicle_speed_mps"] != 0)
     walking = rows["pedestrian_speed_mps"].where(rows["pedestrian_speed_mps"] != 0)
-    columns = (rows["range_m"], speed, rows["lateral_m"], walking)
-    found = pd.Series(advantage_s(*(each.to_numpy(float) for each in columns)), rows.index)
-    advantage = found.fillna(rows["time_advantage_s"])
+    advantage = advantage_s(rows["range_m"], speed, rows["lateral_m"], walking)
+    advantage = advantage.fillna(rows["time_advantage_s"])
     return rows.assign(arrival_time_s=rows["range_m"] / speed, time_advantage_s=advantage)
 
 

@@ -2,14 +2,12 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
 
-from harness.core.freezing import Frozen
 from harness.core.seeding import Given, GivenFirst, Purpose, stream
 from harness.core.vocabulary import PedestrianView
 from harness.scenario.sections import PerceptionSection
@@ -164,8 +162,7 @@ class TrackStream(NamedTuple):
     drawn: Callable[[Sensor], bool] = lambda _: True
 
 
-@dataclass(frozen=True)
-class TrackError(Frozen):
+class TrackError(NamedTuple):
     """An error of a sensor.
 
     Attributes:
@@ -179,12 +176,6 @@ class TrackError(Frozen):
     keys: tuple[str, ...]
     streams: Mapping[Purpose, TrackStream]
 
-    def __post_init__(self) -> None:
-        """Refuse what is no key of ``[perception]``."""
-        super().__post_init__()
-        if not {*self.keys} <= PerceptionSection.model_fields.keys():
-            raise ValueError(f"{self.keys} are no keys of [perception]")
-
     def is_of(self, sensor: Sensor) -> bool:
         """Whether a sensor has the error."""
         return bool(sensor.section.changed(self.keys))
@@ -192,17 +183,21 @@ class TrackError(Frozen):
 
 # fmt: off
 ERRORS = (
-    TrackError(Detection, ("detection_probability", "dropout_probability"), {
+    TrackError(Detection, ("detection_probability", "dropout_probability"), MappingProxyType({
         "redetection": TrackStream(1, drawn=lambda s: s.section.detection_probability < 1 and (
             s.section.dropout_probability > 0 or len(s.obstacles) > 0)),
         "dropout": TrackStream(later="the updates at which perception loses a pedestrian",
                                drawn=lambda s: s.section.dropout_probability > 0),
-    }),
-    TrackError(Noise, ("position_sd_m", "speed_sd_mps"), {"perception_error": TrackStream(
-        2, "the change of perception errors after a pedestrian's first update")}),
+    })),
+    TrackError(Noise, ("position_sd_m", "speed_sd_mps"), MappingProxyType({
+        "perception_error": TrackStream(
+            2, "the change of perception errors after a pedestrian's first update"),
+    })),
 )
 """The errors, in the order in which they act at an update."""
 # fmt: on
+_KEYS = {key for error in ERRORS for key in error.keys}
+assert PerceptionSection.model_fields.keys() >= _KEYS, "a key of an error is none of [perception]"
 
 TRACK_STREAMS = MappingProxyType({key: of for error in ERRORS for key, of in error.streams.items()})
 """All that tracks draw at random, by purpose."""
