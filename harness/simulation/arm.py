@@ -136,8 +136,8 @@ class SimulatedArm:
             before_mps, odometer_m, speed_mps = car.speed_mps, odometer(name), speed(name)
             car.note(odometer_m, speed_mps)
             car.acceleration_mps2 = (speed_mps - before_mps) / step_s
-            if car.driven is not None:
-                check(car, car.driven, before_mps)
+            if (driven := car.driven) is not None:
+                check(car, driven, before_mps)
             if odometer_m >= car.next_m or lane(name) != car.lane:
                 due.append(car)
         return due
