@@ -10,6 +10,7 @@ import pytest
 import harness
 from harness.results import folder
 from harness.studies.risk.estimate import read_risk
+from harness.studies.running.claimed_folder import RunFolder
 from tests.batches import QUICK, here, options_of, printed, refusal
 from tests.scenes import refuses
 
@@ -63,6 +64,13 @@ def test_a_finished_one_is_only_shown_and_an_edited_one_is_refused(
     refuses("draws: parts are missing", lambda: read_risk(again))
     (again / "findings.json").write_text("{}")
     assert "findings.json: is damaged" in refusal("resume", again)
+
+
+def test_a_folder_at_which_another_process_works_gets_no_manifest(tmp_path: Path) -> None:
+    other = RunFolder(tmp_path)
+    assert "another process is working" in refusal(*UNHINDERED, "--out", tmp_path)
+    other.close()
+    assert [path.name for path in tmp_path.iterdir()] == [".lock"]
 
 
 RAISES = """

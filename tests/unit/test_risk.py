@@ -28,17 +28,7 @@ from harness.studies.risk.draws import (
 )
 from harness.studies.risk.estimate import risk_findings, risk_notes
 from harness.studies.risk.space import LIMITED, Space, parse_event, space_of
-from tests.risks import (
-    CROWD,
-    FLAT,
-    crowd,
-    drawn,
-    found,
-    gain,
-    half_space,
-    rounds,
-    union,
-)
+from tests.risks import CROWD, FLAT, crowd, drawn, found, gain, half_space, rounds, union
 from tests.scenes import on_plain
 
 NOBODY = np.empty((0, 1))
