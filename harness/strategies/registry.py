@@ -91,12 +91,13 @@ def _own_files(strategy: type) -> list[Path]:
     from modulefinder import ModuleFinder  # few runs need it
 
     file = Path(inspect.getfile(strategy))
-    module = strategy.__module__.replace("__main__", file.stem)
-    folders = [Path.cwd(), file.parents[module.count(".")]]
+    in_package = file.with_name("__init__.py").is_file()
+    module = strategy.__module__.replace("__main__", file.stem) if in_package else file.stem
+    folders = [file.parents[module.count(".")], Path.cwd()]
     own = [str(each) for each in folders if each.name not in ("site-packages", "dist-packages")]
     finder = ModuleFinder(own, excludes=["harness"])
-    with suppress(ImportError, SyntaxError):
-        finder.import_hook(module)
+    with suppress(ImportError, SyntaxError, AttributeError):  # the last: folders that are packages
+        finder.import_hook(module)  # without __init__.py, of which it knows nothing
     found = {Path(of) for each in finder.modules.values() if (of := vars(each)["__file__"])}
     return [file, *sorted(found - {file})]
 
