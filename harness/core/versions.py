@@ -3,7 +3,7 @@
 import platform
 from importlib import metadata
 
-_LIBRARIES = ("numpy", "scipy", "pandas", "pyarrow")
+_LIBRARIES = ("numpy", "scipy", "pandas", "pyarrow", "shapely")
 """Libraries whose version may change the last bits of a result."""
 
 

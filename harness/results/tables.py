@@ -194,7 +194,7 @@ PEOPLE = TableSchema("people", (
     Field("crosswalk", str, "", "id of the crosswalk", required=True),
     Field("person", str, "", "SUMO's id, or the harness's", required=True),
     Field("own", bool, "", "whether it is the harness's", required=True),
-    Field("side", str, "", "the end of the crosswalk from which they come", required=True),
+    Field("side", Side, "", "the end of the crosswalk from which they come", required=True),
     Field("arrival_s", float, "s", "time of arrival at the kerb", required=True),
     Field("start_s", float, "s", "time of stepping off"),
     Field("cleared_s", float, "s", "time at which they left the crosswalk"),

@@ -68,8 +68,9 @@ class SimulatedArm:
         setup, session = self.setup, self.session
         if not setup.own_people:
             return PeopleAt(session, crosswalk, None)
-        others = self._pair, self._speeds, self._cars, self._refresh
-        return PeopleAt(session, crosswalk, OwnPeople(session, setup, crosswalk, *others))
+        cars, speeds = self._cars, self._speeds
+        own = OwnPeople(session, setup, crosswalk, self._pair, speeds, cars, self._refresh)
+        return PeopleAt(session, crosswalk, own)
 
     def run(self) -> None:
         """Simulate until the end.

@@ -84,8 +84,14 @@ def run_arm(
 
 
 def tables_of(setup: Setup, arm: SimulatedArm, trips: Iterable[Trip]) -> dict[str, TableColumns]:
-    """The tables of an arm whose simulation has ended, with the trips that SUMO wrote."""
+    """The tables of an arm whose simulation has ended, with the trips that SUMO wrote.
+
+    Raises:
+        EngineError: the simulation ended before the counted time.
+    """
     end_s, traffic = arm.session.time_s, arm.traffic
+    if end_s <= setup.begin_s:
+        raise EngineError(f"it ended at {end_s:g} s; counted is from {setup.begin_s:g} s on")
     people = {name: each.walked() for name, each in arm.people.items()}
     counted = [each for each in arm.passages if setup.counts(each.begin_s - each.trace_offset_s)]
     motion: StepMotion = "ballistic" if setup.config.ballistic else "euler"
@@ -164,11 +170,11 @@ def _people(
         walk, arrival_s = person.walk, person.walk.arrival.arrival_s
         until_s = end_s if walk.start_s is None else walk.start_s
         wait_s = until_s - arrival_s
-        delay_s, let_go = person.cleared_s, person.let_go
+        delay_s, let_go = None, person.let_go  # they are still crossing at the end
         if not person.own or walk.speed_mps is None:  # SUMO's, or they wait until the end
             delay_s = wait_s
-        elif delay_s is not None:
-            delay_s = float(beyond(delay_s - arrival_s, crosswalk.length_m / walk.speed_mps))
+        elif (cleared_s := person.cleared_s) is not None:
+            delay_s = float(beyond(cleared_s - arrival_s, crosswalk.length_m / walk.speed_mps))
         if not person.own and wait_s > 0.0 and walk.start_s is not None:
             let_go = bisect_right(fronts_s, arrival_s) == bisect_right(fronts_s, until_s)
         yield {

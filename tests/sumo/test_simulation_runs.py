@@ -6,11 +6,14 @@ import math
 import re
 import shutil
 import xml.etree.ElementTree as ET
+from functools import partial
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
+from harness.core.errors import EngineError
 from harness.core.seeding import number_of, stream
 from harness.core.vocabulary import Arm
 from harness.engine.traffic_files import TRAFFIC_FILE
@@ -20,6 +23,7 @@ from harness.results.loaded_run import Run, load_run
 from harness.scenario import load_scenario
 from harness.simulation.opening import vehicles_due
 from harness.studies.page_content import page_content
+from harness.studies.running import simulations
 from harness.studies.running.replay import replay
 from harness.studies.running.run import resume, run
 from tests import faulty, towns
@@ -154,6 +158,12 @@ def test_a_failure_costs_its_arm_alone(tmp_path: Path, fault: str, reason: str) 
         assert there == {(0, "av"), (0, "human"), (1, "human")}
 
 
+def test_a_pair_that_cannot_be_opened_has_failed(tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.setattr(simulations, "opened_traffic", Mock(side_effect=EngineError("it died")))
+    found = rows(run(hour(tmp_path), pairs=1, out=tmp_path / "run", workers=0), "arms")
+    assert {(row["reason"], row["failed_in"]) for row in found} == {("it died", "engine")}
+
+
 def test_a_pair_without_its_last_table_is_simulated_again(whole: Run, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(whole.path, tmp_path / "run"))
     (folder / "arms" / "0000-00000001.parquet").unlink()
@@ -164,13 +174,19 @@ def test_a_pair_without_its_last_table_is_simulated_again(whole: Run, tmp_path: 
     assert content(folder) == content(whole.path)
 
 
-def test_a_run_is_not_resumed_with_other_files(tmp_path: Path) -> None:
+def test_all_pairs_of_a_run_have_the_same_files(tmp_path: Path) -> None:
     config = towns.grid(tmp_path, end_s=60)
     file = own(tmp_path, config.name, USABLE, "[experiment]\npairs = 2")
+    trips = tmp_path / "vehicles.trips.xml"
+
+    def edit(*_: int) -> None:
+        trips.write_text(re.sub("<trip [^>]*/>", "", trips.read_text(), count=1))
+
+    edited = partial(run, file, out=tmp_path / "edited", workers=0, progress=edit)
+    refuses(r"vehicles.trips.xml: has changed since the run began", edited)
     with pytest.raises(KeyboardInterrupt):
         run(file, out=tmp_path / "run", workers=0, progress=_stop)
-    trips = tmp_path / "vehicles.trips.xml"
-    trips.write_text(re.sub("<trip [^>]*/>", "", trips.read_text(), count=1))
+    edit()
     refuses(r"vehicles.trips.xml has changed", lambda: resume(tmp_path / "run", workers=0))
     (again,) = replay(load_run(tmp_path / "run"), 0, range(1), [Arm.AV], tmp_path / "again")
     assert again.differences[0].endswith("vehicles.trips.xml has changed since the run")

@@ -8,6 +8,7 @@ import math
 
 import pytest
 
+from harness.core.errors import EngineError
 from harness.core.vocabulary import LIMITED_BY, Arm, Observation
 from tests.scripted import STEPS, Hit, Scripted, drive, played, rows, walk
 
@@ -125,6 +126,11 @@ def test_a_contact_by_when_the_front_is_at_the_person(model) -> None:
     assert [person[name] for name in names] == pytest.approx([7.5, 7.5, 15.5, 1.0])
     names = ("person_collisions", "vehicle_collisions", "overlaps", "sumo_people")
     assert [counts[name] for name in names] == [1, 1, 1, 1]
+
+
+def test_a_simulation_that_ends_before_the_counted_time_fails(model) -> None:
+    with pytest.raises(EngineError, match="ended at 40 s; counted is from 50 s on"):
+        rows(played(Scripted(STEADY), model, counted_s=(50.0, math.inf)), "arms")
 
 
 def test_uses_of_the_model_outside_its_data_are_counted(model) -> None:

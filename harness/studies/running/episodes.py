@@ -94,15 +94,14 @@ def _simulated(task: Task, runners: Sequence[Runner], tell: Tell) -> TaskRows:
                     shared[key, outcome.pair] = outcome
             parts[cell.number].append(encounter_rows(cell.number, outcomes, traces=task.traces))
             events += [
-                {
-                    "event": "episode failed",
-                    **EpisodeId(cell.number, outcome.pair, outcome.arm)._asdict(),
-                    "strategy": outcome.strategy,
-                    "reason": outcome.record.reason,
-                    "traceback": outcome.trace.traceback,
-                }
-                for outcome in outcomes
-                if outcome.record.ending is Ending.FAILED
+                task.failed(
+                    "episode",
+                    EpisodeId(cell.number, of.pair, of.arm),
+                    of.record.reason,
+                    of.trace.traceback,
+                )
+                for of in outcomes
+                if of.record.ending is Ending.FAILED
             ]
     tables = {
         number: {name: pa.concat_tables([each[name] for each in found]) for name in found[0]}

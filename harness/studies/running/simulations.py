@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from harness.core.errors import EngineError, InputError
 from harness.core.vocabulary import Arm, ignore
 from harness.encounter.arms import arm_key, check_arms
 from harness.engine.arm_files import check_routes
@@ -73,15 +74,18 @@ def simulate_task(
         if key is not None and key in known:
             return known[key]
         tell(episode, None)
-        outcome = run_arm(
-            setup(),
-            pair,
-            arm,
-            arms / (arm if task.outputs is None else ""),
-            keeps=task.outputs is not None,
-            window=window,
-            begins=partial(tell, episode),
-        )
+        try:
+            outcome = run_arm(
+                setup(),
+                pair,
+                arm,
+                arms / (arm if task.outputs is None else ""),
+                keeps=task.outputs is not None,
+                window=window,
+                begins=partial(tell, episode),
+            )
+        except EngineError as error:  # of a program that writes the pair's files
+            outcome = ArmTables(pair, arm, {}, str(error), "engine")
         tell(None, None)
         if key is not None:
             known[key] = outcome
@@ -90,26 +94,26 @@ def simulate_task(
     for cell in task.cells:
         with scratch_folder() as scratch:
             demand, arms = _folders(task, cell.number, Path(scratch))
-            setup = cache(partial(_opened, cell.scenario, task.model, pair, demand))
+            setup = cache(partial(_opened, task, cell.scenario, demand))
             outcomes = [outcome_of(cell, arm, setup, arms) for arm in task.arms]
         events += [
-            {
-                "event": "arm failed",
-                **EpisodeId(cell.number, pair, outcome.arm)._asdict(),
-                "strategy": cell.scenario.arms.driver(outcome.arm),
-                "reason": outcome.reason,
-                "traceback": outcome.traceback,
-            }
-            for outcome in outcomes
-            if outcome.reason is not None
+            task.failed("arm", EpisodeId(cell.number, pair, of.arm), of.reason, of.traceback)
+            for of in outcomes
+            if of.reason is not None
         ]
         tables[cell.number] = _tables(cell, outcomes)
     return TaskRows(tables, tuple(events))
 
 
-def _opened(scenario: Scenario, model: InteractionModel, pair: int, folder: Path) -> Setup:
-    ours = scenario.traffic is not None
-    return opened_traffic(scenario, model, pair, folder) if ours else opened(scenario, model)
+def _opened(task: Task, scenario: Scenario, folder: Path) -> Setup:
+    """The simulation of a pair; files of the user that have changed during a run are refused."""
+    if scenario.traffic is not None:
+        return opened_traffic(scenario, task.model, task.first, folder)
+    found = opened(scenario, task.model)
+    for path, digest in found.config.digests.items():
+        if task.files.get(path, digest) != digest:
+            raise InputError(path, "has changed since the run began", "the same file in all pairs")
+    return found
 
 
 def _folders(task: Task, cell: int, scratch: Path) -> tuple[Path, Path]:

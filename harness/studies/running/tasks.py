@@ -66,6 +66,7 @@ class Task(Frozen):
         folder: the run's folder, for what simulations keep.
         code: digests of the user's strategies that drive; a process that has imported another
             version is not used.
+        files: digests of the user's SUMO files, which must not change during a run.
         given_up: the episodes that are not tried again.
         own: what a study simulates in place of the pairs.
     """
@@ -80,6 +81,7 @@ class Task(Frozen):
     outputs: Path | None = None
     folder: Path | None = None
     code: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, str] = field(default_factory=dict)
     given_up: Mapping[EpisodeId, GivenUp] = field(default_factory=dict)
     own: "Own | None" = None
 
@@ -92,6 +94,13 @@ class Task(Frozen):
         """The name of the strategy that drives in an episode."""
         (scenario,) = (cell.scenario for cell in self.cells if cell.number == episode.cell)
         return scenario.arms.driver(episode.arm)
+
+    def failed(
+        self, what: str, episode: EpisodeId, reason: str | None, traceback: str | None
+    ) -> "Row":
+        """The log's line of an episode or arm that failed."""
+        why = {"strategy": self.driver(episode), "reason": reason, "traceback": traceback}
+        return {"event": f"{what} failed", **episode._asdict(), **why}
 
     def without(self, episode: EpisodeId, failure: GivenUp) -> "Task":
         """The same task, with a further episode given up."""
@@ -146,6 +155,7 @@ def tasks_of(
             traces=manifest["traces"],
             engine=manifest["engine"],
             code=manifest["simulated_with"]["strategies"],
+            files=manifest["simulated_with"]["files"],
         )
         for cells in groups.values()
         for first in range(0, pairs, size)
