@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 from rich.console import Console
 
+from harness.core.versions import versions_of_runs
 from harness.core.vocabulary import Arm
 from harness.report.screen import print_result
 from harness.results.cell_findings import CellFindings, cell_findings
@@ -104,7 +105,8 @@ def run_of(
     tables = {cell.number: rows(cell) for cell in of.cells}
     cells = tuple(cell_findings(cell, {"episodes": tables[cell.number]}, 0.95) for cell in of.cells)
     manifest: Any = {"confidence": 0.95, "engine": "sumo"}
-    manifest |= {"seed": of.base.experiment.seed, "simulated_with": {"code": code_of_rows()}}
+    made = {"code": code_of_rows(), "versions": versions_of_runs()}
+    manifest |= {"seed": of.base.experiment.seed, "simulated_with": made}
     return MadeRun(Path(name), manifest, of, finished, cells, tables=tables)
 
 

@@ -37,8 +37,7 @@ def show(
         print_result(result, full)
     if failed := result.facts.get("failed"):
         first = result.facts.get("failure", "see log.jsonl")
-        noun = "simulations" if result.facts.get("kind") == "simulations" else "episodes"
-        say(one_line(f"harness: {failed:,} {noun} failed; the first: {first}"))
+        say(one_line(f"harness: {failed:,} failed; the first: {first}"))
         raise Exit(1)
 
 

@@ -123,7 +123,7 @@ def write_page(content: PageContent, page: Path, figures: Path | None = None) ->
             [*_facts(run, content.result)],
             _RunParts(
                 str(run.path),
-                tuple(_failures(run)),
+                (*_failures(run), *content.warnings),
                 episodes=content.has_episodes,
                 player=player_of(run, shown) if shown else None,
                 scenario=_scenario(run),

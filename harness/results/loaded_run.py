@@ -17,6 +17,7 @@ import pyarrow.compute as pc
 from harness.core.documents import as_plain
 from harness.core.errors import InputError, advised, checked, in_shell, inside, unknown_name
 from harness.core.freezing import frozen
+from harness.core.versions import versions_of_runs
 from harness.core.vocabulary import Arm
 from harness.results import folder as folders
 from harness.results.cell_findings import CellFindings, cell_findings, records_of
@@ -210,12 +211,13 @@ def load_run(path: Path | str, settings: Mapping[str, Any] | None = None) -> Run
 
 
 def older_code(manifest: folders.Manifest) -> list[Note]:
-    """The note that the code that makes rows has changed since a run, if it has."""
+    """The note that code or versions that make rows have changed since a run, if they have."""
     command = "risk" if "risk" in manifest else "run"
-    text = "The code that makes rows has changed since this run. "
+    made, now = manifest["simulated_with"], (folders.code_of_rows(), versions_of_runs())
+    text = "Code or versions of libraries that make rows have changed since this run. "
     text += f"To simulate it again, call `harness {command}` with its folder."
     note = Note("older_code", FIRST, "older code", text)
-    return [] if manifest["simulated_with"]["code"] == folders.code_of_rows() else [note]
+    return [] if (made["code"], made["versions"]) == now else [note]
 
 
 def computed(path: Path, manifest: folders.Manifest, study: Study) -> tuple[CellFindings, ...]:

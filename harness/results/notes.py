@@ -244,12 +244,12 @@ def _collisions(cell: CellFindings) -> Iterator[Said]:
 
 
 def _few_simulations(cell: CellFindings) -> Iterator[Said]:
-    ran = cell["people_wait_s_difference"].n
-    ran = cell["pairs"].count if ran is None else ran  # nobody came
+    """The fewest pairs on which an interval rests: where people came, and where both arms ran."""
+    pairs = [cell[f"{key}_difference"].n for key in ("people_wait_s", "vehicles_delay_s")]
+    ran = min((number for number in pairs if number), default=RELIABLE_PAIRS)
     if ran < RELIABLE_PAIRS:
         rests = f"intervals rest on {ran:,} pairs" if ran > 1 else "one pair has no intervals"
-        more = f"Intervals are reliable from {RELIABLE_PAIRS} pairs on."
-        yield Said(f"Few pairs: {rests}.", more, -ran)
+        yield Said(f"Few pairs: {rests}.", f"Reliable from {RELIABLE_PAIRS} pairs on.", -ran)
 
 
 def _cut_off(cell: CellFindings) -> Iterator[Said]:
@@ -257,24 +257,22 @@ def _cut_off(cell: CellFindings) -> Iterator[Said]:
         "cut_off": "Delays leave out passages that did not end",
         "still_crossing": "People's delays leave out those still crossing at the end",
         "never_went": "People who never went count with their wait until the end",
+        "people_left_out": "People seen too briefly are in no number",
     })  # fmt: skip
-
-
-def _people_left_out(cell: CellFindings) -> Iterator[Said]:
-    yield from _counted(cell, {"people_left_out": "People seen too briefly are in no number"})
 
 
 def _who_drove(cell: CellFindings) -> Iterator[Said]:
     share, by_sumo = cell["share_strategy"].value, [cell[f"share_{each}"].value for each in BY_SUMO]
-    driven, passages = cell["driven"], cell["driven"].n
+    driven, among = cell["driven"], cell["driven"].n
     decided = share is not None and share > DECIDED
-    if not passages or (decided and driven.count > DRIVEN * passages):
+    if not among or (decided and driven.count > DRIVEN * among):
         return
     of_sumo = 1.0 if share is None else sum(each for each in by_sumo if each is not None)
-    text, more = f"SUMO decided {100 * of_sumo:.0f} % of {cell.scenario.arms.av}'s steps.", ""
-    if left := passages - driven.count:
-        more = f"Left to SUMO: {left:,} of {passages:,} passages: {cell['not_driven'].reason}."
-    yield Said(text, more, of_sumo)
+    steps = f"SUMO decided {100 * of_sumo:.0f} % of {cell.scenario.arms.av}'s steps."
+    said = [] if share is None else [steps]
+    if left := among - driven.count:
+        said.append(f"Left to SUMO: {left:,} of {among:,} passages: {cell['not_driven'].reason}.")
+    yield Said(said[0], " ".join(said[1:]), of_sumo)
 
 
 def _fills(cell: CellFindings) -> Iterator[Said]:
@@ -314,7 +312,6 @@ RULES: tuple[Rule, ...] = (
     Rule("people_of_sumo", "SUMO's people", None, _people_of_sumo),
     Rule("fallback", "another strategy drove (up to {:.3g} %)", _fallback, _fallback),
     Rule("left_out", "left out", _left_out, _cut_off),
-    Rule("people_left_out", "people left out", None, _people_left_out),
     Rule("outside_model", "outside the model's data", _outside_the_model, _outside_the_model),
     Rule("not_validated", "reference not validated", _not_validated, _not_validated),
     Rule("model_fit", "model fit", _model_fit, _model_fit),

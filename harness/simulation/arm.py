@@ -68,9 +68,8 @@ class SimulatedArm:
         setup, session = self.setup, self.session
         if not setup.own_people:
             return PeopleAt(session, crosswalk, None)
-        cars, speeds = self._cars, self._speeds
-        own = OwnPeople(session, setup, crosswalk, self._pair, speeds, cars, self._refresh)
-        return PeopleAt(session, crosswalk, own)
+        others = self._pair, self._speeds, self._cars, self._refresh
+        return PeopleAt(session, crosswalk, OwnPeople(session, setup, crosswalk, *others))
 
     def run(self) -> None:
         """Simulate until the end.

@@ -179,8 +179,9 @@ def _refuse_runs(runs: Sequence[Run]) -> None:
         if run.kind != runs[0].kind:
             allowed = f"runs of {runs[0].kind}, as {runs[0].path}"
             raise InputError(str(run.path), f"is a run of {run.kind}", allowed)
-        if run.manifest["simulated_with"]["code"] != runs[0].manifest["simulated_with"]["code"]:
-            problem = f"has rows of other code than {runs[0].path}"
+        made, first = (each.manifest["simulated_with"] for each in (run, runs[0]))
+        if (made["code"], made["versions"]) != (first["code"], first["versions"]):
+            problem = f"has rows of other code or versions than {runs[0].path}"
             allowed = "runs of the same code; `harness run` of a run's folder simulates it again"
             raise InputError(str(run.path), problem, allowed)
         if run.path.resolve() in [other.path.resolve() for other in runs[:number]]:

@@ -93,18 +93,18 @@ def test_the_log_has_one_line_a_fault_with_its_stacks_and_traceback(runs: tuple[
     events = [json.loads(line) for line in (runs[1].path / "log.jsonl").open(encoding="utf-8")]
     by_event = {
         name: {event["pair"]: event for event in events if event["event"] == name}
-        for name in ("episode given up", "tried again", "episode failed")
+        for name in ("episode given up", "tried again", "arm failed")
     }
     stacks = {pair: event["stack"] for pair, event in by_event["episode given up"].items()}
     assert "in hang" in stacks[CULPRITS["hangs"][0]]
     assert "in hang_in_c" in stacks[CULPRITS["hangs_in_c"][0]]
     died = {CULPRITS[name][0] for name in ("aborts", "leaves", "segfaults")}
     assert {*by_event["tried again"]} == died == {pair for pair, of in stacks.items() if of is None}
-    assert {*by_event["episode failed"]} == {pair for pair, _, _ in CULPRITS.values()}
+    assert {*by_event["arm failed"]} == {pair for pair, _, _ in CULPRITS.values()}
     assert "died were tried again (3 in" in runs[1].result().notes[-1].text
     counted = Counter((event["event"], event.get("pair")) for event in events)
     assert {*counted.values()} == {1}
-    assert "in raise_error" in by_event["episode failed"][CULPRITS["raises"][0]]["traceback"]
+    assert "in raise_error" in by_event["arm failed"][CULPRITS["raises"][0]]["traceback"]
 
 
 def test_a_strategy_may_decide_for_longer_than_anything_else_may_last(

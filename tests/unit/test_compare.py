@@ -172,7 +172,7 @@ def test_what_cannot_be_compared_is_refused_in_one_line() -> None:
     flows = run_of(study({}, FLOWS, name="cctc_flow"), by_hand, 3)
     town = replace(one, path=Path("town"), study=study({}, name="traffic"))
     slower = run_of(one.study, lambda _, pair: (8.0, HUMAN_S + (pair == 7)), 30, name="other")
-    older: Any = {**one.manifest, "simulated_with": {"code": {"the rows": "1"}}}
+    older: Any = {**one.manifest, "simulated_with": {"code": {"the rows": "1"}, "versions": {}}}
     fewer = run_of(
         one.study,
         lambda _, pair: (8.0, {"pass_time_s": HUMAN_S, "pedestrians": 1 + (pair == 4)}),
@@ -182,7 +182,7 @@ def test_what_cannot_be_compared_is_refused_in_one_line() -> None:
     for runs, words in (
         ((one, same_path), "is named twice"),
         ((one, replace(slower, finished=False)), "other: is not finished"),
-        ((one, replace(slower, manifest=older)), "other: has rows of other code than one"),
+        ((one, replace(slower, manifest=older)), "other: has rows of other code or versions"),
         ((one, town), "town: is a run of simulations; allowed: runs of encounters, as one"),
         ((one,), "has no two cells that differ only in the AV"),
         ((flows,), "has no two cells that differ only in the AV"),

@@ -33,10 +33,10 @@ ROOMS = {
     "simulation": 1_543,
     "site": 280,
     "results": 2_136,
-    "report": 1_575,
+    "report": 1_573,
     "rl": 170,
     "cli": 710,
-    "studies": 4_247,
+    "studies": 4_249,
 }
 CODE |= {f"harness/{room}": lines for room, lines in ROOMS.items()}
 RUNNING = (

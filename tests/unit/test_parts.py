@@ -32,7 +32,7 @@ from harness.studies.running.claimed_folder import (
     RunFolder,
     claim_folder,
     manifest_of,
-    refuse_other_versions,
+    refuse_changes,
 )
 from harness.studies.running.tasks import part_pairs
 from harness.studies.worst import worst
@@ -163,7 +163,7 @@ def manifest_in(folder: Path, model: InteractionModel) -> Any:
 def test_a_resumed_run_needs_its_versions_strategies_and_model() -> None:
     then: Any = {"versions": {"sumo": "1"}, "strategies": {"own:A": "x"}, "models": {"dut": "1"}}
     then |= {"files": {"town.net.xml": "1"}, "code": {"the rows": "1"}}
-    refuse_other_versions(then, then)
+    refuse_changes(Path("run"), then, then)
     for part, now in (
         ("simulated with sumo 1, this is 2", then | {"versions": {"sumo": "2"}}),
         ("code of the rows has changed", then | {"code": {"the rows": "2"}}),
@@ -171,7 +171,7 @@ def test_a_resumed_run_needs_its_versions_strategies_and_model() -> None:
         ("town.net.xml has changed", then | {"files": {"town.net.xml": "2"}}),
         ("model other has changed", then | {"models": {"other": "1"}}),
     ):
-        refuses(part, lambda now=now: refuse_other_versions(then, now))
+        refuses(part, lambda now=now: refuse_changes(Path("run"), then, now))
 
 
 def test_a_folder_is_one_runs(

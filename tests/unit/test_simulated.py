@@ -251,7 +251,7 @@ SAID: dict[str, tuple[Pairs, str]] = {
     "fallback (alone)": (altered(USUAL, fallback=True, pedestrians=0), f"in {DRIVEN} of {DRIVEN}"),
     "left_out": ([(arm([passage("b", rear_s=None)]), arm())] * 6, "did not end (AV 6, human_yi"),
     "left_out (waits)": ([(arm([], [], [person("p", start_s=None)]), arm())] * 6, "the end (AV 6,"),
-    "people_left_out": (several(*[{"people_left_out": 2}] * 2), "(AV 12, human_yield 12)."),
+    "left_out (brief)": (several(*[{"people_left_out": 2}] * 2), "(AV 12, human_yield 12)."),
     "outside_model": (several({"conditionings": 8, "clamped": 2}), "in 25 % (AV) of its uses"),
 }
 

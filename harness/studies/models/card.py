@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from harness.core.errors import InputError
+from harness.core.errors import InputError, refused_at
 from harness.core.versions import versions_of_fits
 from harness.core.vocabulary import Progress
 from harness.model.interaction import (
@@ -186,8 +186,8 @@ def fit_model(
         progress: called with the numbers of finished and planned fits.
     """
     file = read_rows(rows)
-    sample = make_sample(file.rows, settings.weigh, *box_of(settings.bounds))
-    with fits.processes(workers) as executor:
+    with refused_at(str(rows)), fits.processes(workers) as executor:
+        sample = make_sample(file.rows, settings.weigh, *box_of(settings.bounds))
         fitted = fits.fit(sample, settings, executor, progress)
         made = fitted.chosen.fit.mixture
         return write_model(out, made, name, card(sample, settings, fitted, file, command))

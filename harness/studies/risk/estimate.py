@@ -207,7 +207,7 @@ def _carried_out(folder: claimed_folder.RunFolder, executor: Executor, progress:
     scenario, asked, known = study.cells[0].scenario, manifest["risk"], manifest["simulated_with"]
     (model,) = runs.checked_models([scenario], manifest["engine"])
     now = claimed_folder.simulated_with(study.driven, [model])
-    claimed_folder.refuse_other_versions(known, now)
+    claimed_folder.refuse_changes(path, known, now)
     arm = Arm(asked["arm"])
     space, event = space_of(scenario, arm), parse_event(asked["event"])
     whole = Task((), model, 0, 0, (arm,), engine=manifest["engine"], code=known["strategies"])

@@ -163,11 +163,11 @@ def changes(then: folders.SimulatedWith, now: folders.SimulatedWith) -> Iterator
                 yield words.format(name, before, value)
 
 
-def refuse_other_versions(then: folders.SimulatedWith, now: folders.SimulatedWith) -> None:
+def refuse_changes(folder: Path, then: folders.SimulatedWith, now: folders.SimulatedWith) -> None:
     """Refuse to resume a run if versions, code, strategies or models have changed since it began.
 
     Raises:
         InputError: names the first change.
     """
     for change in changes(then, now):
-        raise InputError("resume", change, "what the run began with, or a new run")
+        raise InputError(str(folder), change, "what the run began with, or a new run")

@@ -94,12 +94,7 @@ def _simulated(task: Task, runners: Sequence[Runner], tell: Tell) -> TaskRows:
                     shared[key, outcome.pair] = outcome
             parts[cell.number].append(encounter_rows(cell.number, outcomes, traces=task.traces))
             events += [
-                task.failed(
-                    "episode",
-                    EpisodeId(cell.number, of.pair, of.arm),
-                    of.record.reason,
-                    of.trace.traceback,
-                )
+                task.failed(cell.number, of.pair, of.arm, of.record.reason, of.trace.traceback)
                 for of in outcomes
                 if of.record.ending is Ending.FAILED
             ]

@@ -23,7 +23,7 @@ from harness.core.errors import (
 from harness.core.files import shipped_directory
 from harness.core.freezing import frozen
 from harness.core.vocabulary import Progress, ignore
-from harness.encounter.arms import check_arms
+from harness.encounter.arms import asks_model, check_arms
 from harness.engine.installation import check_packages
 from harness.model.interaction import InteractionModel, load_model
 from harness.results import folder as folders
@@ -146,7 +146,7 @@ def resume(
         models, files = _checked(study, manifest["engine"])
         now = claimed_folder.simulated_with(study.driven, models, files)
         if done < planned:
-            claimed_folder.refuse_other_versions(manifest["simulated_with"], now)
+            claimed_folder.refuse_changes(path, manifest["simulated_with"], now)
         folder.note("resumed")
         return _carried_out(folder, study, manifest, models, done, chosen, progress)
 
@@ -192,8 +192,8 @@ def checked_models(
     for number, scenario in enumerate(scenarios):
         with refused_at(f"{what}[{number}]" if what else ""):
             if scenario.kind != "encounters":
-                problem = f"is one of {scenario.kind}"
-                raise InputError("scenario", problem, "a scenario of encounters")
+                problem = f"is a scenario of {scenario.kind}"
+                raise InputError(Parameter("scenario"), problem, "one of encounters")
             models.append(load(scenario.model.name, scenario.model.path))
             check_arms(scenario, models[-1])
     return models
@@ -201,8 +201,14 @@ def checked_models(
 
 def _checked(study: Study, engine: EngineName) -> tuple[list[InteractionModel], Mapping[str, str]]:
     """The model of each cell and the hashes of the user's files, after all checks."""
+    scenarios = [cell.scenario for cell in study.cells]
+    changed = [key for each in scenarios for key in each.model.changed()]
+    if changed and not any(each.walks_by_model or asks_model(each) for each in scenarios):
+        raise InputError(
+            f"model.{changed[0]}", "has no effect: nobody asks the model", "its default"
+        )
     if not study.long_pairs:
-        return checked_models((cell.scenario for cell in study.cells), engine), {}
+        return checked_models(scenarios, engine), {}
     from harness.studies.running import simulations
 
     check_packages()

@@ -97,7 +97,7 @@ def simulate_task(
             setup = cache(partial(_opened, task, cell.scenario, demand))
             outcomes = [outcome_of(cell, arm, setup, arms) for arm in task.arms]
         events += [
-            task.failed("arm", EpisodeId(cell.number, pair, of.arm), of.reason, of.traceback)
+            task.failed(cell.number, pair, of.arm, of.reason, of.traceback)
             for of in outcomes
             if of.reason is not None
         ]

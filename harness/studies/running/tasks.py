@@ -96,11 +96,12 @@ class Task(Frozen):
         return scenario.arms.driver(episode.arm)
 
     def failed(
-        self, what: str, episode: EpisodeId, reason: str | None, traceback: str | None
+        self, cell: int, pair: int, arm: Arm, reason: str | None, traceback: str | None
     ) -> "Row":
-        """The log's line of an episode or arm that failed."""
+        """The log's line of an arm that failed."""
+        episode = EpisodeId(cell, pair, arm)
         why = {"strategy": self.driver(episode), "reason": reason, "traceback": traceback}
-        return {"event": f"{what} failed", **episode._asdict(), **why}
+        return {"event": "arm failed", **episode._asdict(), **why}
 
     def without(self, episode: EpisodeId, failure: GivenUp) -> "Task":
         """The same task, with a further episode given up."""
