@@ -74,7 +74,7 @@ def test_delay_of_a_lone_vehicle_under_absolute_priority(tmp_path: Path) -> None
     at the beginning of steps, on average half a step late.
     """
     walking, rate = 0.6, 1000.0
-    limits = ("max_acceleration_mps2", "max_deceleration_mps2", "resume_acceleration_mps2")
+    limits = ("max_deceleration_mps2", "resume_acceleration_mps2")
     found = hours(
         tmp_path,
         {"flow_per_hour": 20.0, "oncoming_per_hour": 0.0, "duration_s": 40_000.0},
