@@ -61,7 +61,7 @@ def test_a_run_is_not_resumed_with_another_strategy_of_that_name(
     assert edited in " ".join(again.stdout.split()), again
     (out / "findings.json").unlink()
     next((out / "episodes").iterdir()).unlink()
-    refuses(f"resume: the strategy {name} has been edited", lambda: resume(out, workers=0))
+    refuses(f"run: the strategy {name} has been edited", lambda: resume(out, workers=0))
 
 
 def test_to_look_at_a_run_imports_no_strategy_that_its_manifest_names(tmp_path: Path) -> None:

@@ -130,7 +130,7 @@ def test_draws_that_are_not_sampled_are_said(tmp_path: Path) -> None:
         (["cctc", "--arm", "humans"], "'humans' is not one of 'av', 'human'"),
         (["cctc", "--target-cv", "0"], "--target-cv"),
         (["euro_ncap_vru"], "one value of ego.initial_speed_mps, pedestrians.timed_case"),
-        (["field_sites"], "a scenario of encounters"),
+        (["field_sites"], "a scenario of simulations"),
         (["cctc", "--set", "arms.av=sumo_driver"], "drives only"),
     ],
 )

@@ -185,9 +185,9 @@ def fit_model(
         workers: number of processes.
         progress: called with the numbers of finished and planned fits.
     """
-    file = read_rows(rows)
+    file, box = read_rows(rows), box_of(settings.bounds)
     with refused_at(str(rows)), fits.processes(workers) as executor:
-        sample = make_sample(file.rows, settings.weigh, *box_of(settings.bounds))
+        sample = make_sample(file.rows, settings.weigh, *box)
         fitted = fits.fit(sample, settings, executor, progress)
         made = fitted.chosen.fit.mixture
         return write_model(out, made, name, card(sample, settings, fitted, file, command))
