@@ -37,7 +37,7 @@ def show(
         print_result(result, full)
     if failed := result.facts.get("failed"):
         first = result.facts.get("failure", "see log.jsonl")
-        say(one_line(f"harness: {failed:,} failed; the first: {first}"))
+        say(one_line(f"harness: failed arms: {failed:,}; the first: {first}"))
         raise Exit(1)
 
 

@@ -244,11 +244,11 @@ def _collisions(cell: CellFindings) -> Iterator[Said]:
 
 
 def _few_simulations(cell: CellFindings) -> Iterator[Said]:
-    """The fewest pairs on which an interval rests: where people came, and where both arms ran."""
-    pairs = [cell[f"{key}_difference"].n for key in ("people_wait_s", "vehicles_delay_s")]
-    ran = min((number for number in pairs if number), default=RELIABLE_PAIRS)
+    """The fewest pairs on which an interval of the first screen rests."""
+    keys = ("av_delay_s", "vehicles_delay_s", "people_wait_s")
+    ran = min((n for key in keys if (n := cell[f"{key}_difference"].n)), default=RELIABLE_PAIRS)
     if ran < RELIABLE_PAIRS:
-        rests = f"intervals rest on {ran:,} pairs" if ran > 1 else "one pair has no intervals"
+        rests = f"intervals rest on {ran:,} or more" if ran > 1 else "one pair has no intervals"
         yield Said(f"Few pairs: {rests}.", f"Reliable from {RELIABLE_PAIRS} pairs on.", -ran)
 
 
@@ -264,7 +264,7 @@ def _cut_off(cell: CellFindings) -> Iterator[Said]:
 def _who_drove(cell: CellFindings) -> Iterator[Said]:
     share, by_sumo = cell["share_strategy"].value, [cell[f"share_{each}"].value for each in BY_SUMO]
     driven, among = cell["driven"], cell["driven"].n
-    decided = share is not None and share > DECIDED
+    decided = share is None or share > DECIDED
     if not among or (decided and driven.count > DRIVEN * among):
         return
     of_sumo = 1.0 if share is None else sum(each for each in by_sumo if each is not None)

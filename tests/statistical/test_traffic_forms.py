@@ -65,7 +65,7 @@ def test_waits_are_the_integral_over_the_blocked_times(tmp_path: Path) -> None:
 
 
 def test_delay_of_a_lone_vehicle_under_absolute_priority(tmp_path: Path) -> None:
-    """(e^{λτ} − λτ − 1)/λ where speeding up takes no time: all accelerations are 20 m/s².
+    """(e^{λτ} − λτ − 1)/λ where slowing down and speeding up take no time: at 20 m/s².
 
     A vehicle that waits stands 1 m before the crosswalk, so it needs 1 m/v from its start until its
     bumper is over the edge, and a person who comes within that time stops it again.  The gap

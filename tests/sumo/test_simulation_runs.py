@@ -150,7 +150,7 @@ def test_a_failure_costs_its_arm_alone(tmp_path: Path, fault: str, reason: str) 
     assert (arms[2]["failed_in"], reason in arms[2]["reason"]) == ("strategy", True)
     assert fault == "aborts" or FAILED_AT in arms[2]["reason"]
     assert found.failures == ((0, 1, "av", arms[2]["reason"]),)
-    assert "1 failed; the first: cell 0 pair 1" in here("show", found.path).stderr
+    assert "failed arms: 1; the first: cell 0 pair 1" in here("show", found.path).stderr
     known = {key for key, value in arms[2].items() if value is not None}
     assert known == {"cell", "pair", "arm", "reason", "failed_in"}
     for name in TABLES[1:]:

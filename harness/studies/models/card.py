@@ -186,8 +186,9 @@ def fit_model(
         progress: called with the numbers of finished and planned fits.
     """
     file, box = read_rows(rows), box_of(settings.bounds)
-    with refused_at(str(rows)), fits.processes(workers) as executor:
+    with refused_at(str(rows)):
         sample = make_sample(file.rows, settings.weigh, *box)
+    with fits.processes(workers) as executor:
         fitted = fits.fit(sample, settings, executor, progress)
         made = fitted.chosen.fit.mixture
         return write_model(out, made, name, card(sample, settings, fitted, file, command))

@@ -99,9 +99,8 @@ class Task(Frozen):
         self, cell: int, pair: int, arm: Arm, reason: str | None, traceback: str | None
     ) -> "Row":
         """The log's line of an arm that failed."""
-        episode = EpisodeId(cell, pair, arm)
-        why = {"strategy": self.driver(episode), "reason": reason, "traceback": traceback}
-        return {"event": "arm failed", **episode._asdict(), **why}
+        episode, why = EpisodeId(cell, pair, arm), {"reason": reason, "traceback": traceback}
+        return {"event": "arm failed", **episode._asdict(), "strategy": self.driver(episode), **why}
 
     def without(self, episode: EpisodeId, failure: GivenUp) -> "Task":
         """The same task, with a further episode given up."""
