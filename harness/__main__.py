@@ -22,7 +22,7 @@ def main() -> None:
     # Other threads of NumPy's linear algebra spin while a process starts, and are never needed.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     local = not any(word.startswith(("--help", "--dask")) for word in sys.argv)
-    if local and sys.argv[1:2] in (["run"], ["sweep"]):
+    if local and sys.argv[1:2] in (["run"], ["sweep"], ["report"]):
         from harness.studies.running.children import import_arrow, start_children
 
         # The first worker imports its modules while this process imports its own.

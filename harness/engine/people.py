@@ -71,7 +71,10 @@ class HeldPeople:
             self._announced += 1
             self.next_s = arrives_s(self._arrivals, self._announced)
             self._add(arrival.index, arrival.side)
-            self._coming[arrival.index] = self._first_place(arrival)
+            # They are held there until their first position is set.
+            path, kerb = arrival.path, (0.0, self._kerb_m[arrival.side])
+            at = (path[0].x_m, path[0].y_m) if path else kerb
+            self._coming[arrival.index] = self._to_network(*at)
 
     def after_step(self) -> None:
         """Note that the announced pedestrians now exist in SUMO."""
@@ -95,9 +98,3 @@ class HeldPeople:
         for name in self.ids.values():
             self._people.remove(name)
         self.ids.clear()
-
-    def _first_place(self, arrival: Arrival) -> tuple[float, float]:
-        """Network coordinates at which a pedestrian is held until their first position is set."""
-        if arrival.path is not None:
-            return self._to_network(arrival.path[0].x_m, arrival.path[0].y_m)
-        return self._to_network(0.0, self._kerb_m[arrival.side])

@@ -99,8 +99,10 @@ class Session:
 
     def step(self) -> float:
         """See ``Running.step``."""
-        with self.watched("lost the simulation"):
+        try:
             self.advance()
+        except self.lost as error:
+            raise EngineError(f"SUMO lost the simulation: {error}") from None
         self.time_s = self._now()
         return self.time_s
 
@@ -113,10 +115,9 @@ class Session:
         if not expected or api.vehicle.getIDCount():
             return bool(expected)
         people = api.person.getIDList()
-        if expected > len(people):
-            return True
         # As in SUMO, people who wait for a ride do not keep the simulation going.
-        return any(api.person.getStage(name).type != api.constants.STAGE_DRIVING for name in people)
+        stages = (api.person.getStage(name).type for name in people)
+        return expected > len(people) or any(at != api.constants.STAGE_DRIVING for at in stages)
 
     def ignore(self, vehicle: str, people: Sequence[str]) -> None:
         """See ``Running.ignore``."""
@@ -221,8 +222,7 @@ def _built(api: Any, name: str) -> VehicleType:
 
 def _mover(move: Callable[..., object]) -> Callable[[str, float, float], object]:
     """SUMO's function for a person's place, with its arguments that are always the same."""
-    angle, route, reach_m = _NO_ANGLE, _KEEP_ROUTE, _MATCH_THRESHOLD_M
-    return lambda name, x, y: move(name, "", x, y, angle, route, reach_m)
+    return lambda name, x, y: move(name, "", x, y, _NO_ANGLE, _KEEP_ROUTE, _MATCH_THRESHOLD_M)
 
 
 def interface(runs: Runs = "here") -> Any:

@@ -74,9 +74,7 @@ class SumoEngine:
 
     def begin(self, arrivals: Sequence[Arrival]) -> tuple[float, float]:
         """See ``Engine.begin``."""
-        self._steps = 0
-        self._collided = False
-        self._set_mps = None
+        self._steps, self._collided, self._set_mps = 0, False, None
         self._ego = f"ego-{self._episode}"
         people = self.people
         people.begin(arrivals, self._episode)

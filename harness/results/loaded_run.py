@@ -5,9 +5,9 @@ about a run as a whole are made here, too.
 """
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -76,13 +76,19 @@ class Run:
     def rows(self, table: str, cell: int) -> pa.Table:
         """The rows of a table and cell by pair, the AV's first, up to the first missing pair.
 
+        They are read once.
+
         Raises:
             InputError: runs of this kind have no such table, there is no such cell, a part is
                 damaged, or the run is finished and a part is missing.
         """
         if table not in (names := [each.name for each in TABLES_OF[self.kind]]):
             raise unknown_name(str(self.path), "table", table, names)
-        return folders.read_cell(self.path, table, self.study.cell(cell).number, self.manifest)
+        return self._read(table, self.study.cell(cell).number)
+
+    @cached_property
+    def _read(self) -> Callable[[str, int], pa.Table]:
+        return cache(partial(folders.read_cell, self.path, manifest=self.manifest))
 
     @property
     def kind(self) -> RunKind:

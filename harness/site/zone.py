@@ -28,7 +28,7 @@ _REFINEMENTS = 4
 _Touches = Callable[[FloatArray], BoolArray]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Zone:
     """The zone of a vehicle of one size on one path over one crosswalk.
 

@@ -99,14 +99,15 @@ class HumanYield:
 
     def decide(self, observation: Observation, /) -> float:
         """Commanded acceleration in m/s²."""
-        if self.reaction_s:
+        if self.reaction_s and observation.pedestrians:
             observation = self._reacted_to(observation)
         go_mps2 = towards_v0(observation)
-        passed = observation.ego.range_m <= PEDESTRIAN_RADIUS_M + ROUNDING
-        met = [] if passed else _people_met(observation)
-        yields = self.yields and not passed and _somebody_to_yield_to(observation)
+        if not observation.pedestrians or observation.ego.range_m <= PEDESTRIAN_RADIUS_M + ROUNDING:
+            return go_mps2
+        met = _people_met(observation)
         comfortable_mps2, step_s = self.comfortable_mps2, observation.step_s
-        if (yields or met) and can_stop_at_line(observation, comfortable_mps2):
+        stops = can_stop_at_line(observation, comfortable_mps2)
+        if stops and (met or (self.yields and _somebody_to_yield_to(observation))):
             later = can_stop_at_line(observation, comfortable_mps2, step_s, go_mps2)
             return go_mps2 if later else stop_at_line(observation)
         return _avoid(observation, met, go_mps2) if met else go_mps2
@@ -137,10 +138,11 @@ class HumanYield:
 
 def _somebody_to_yield_to(observation: Observation) -> bool:
     """Whether a pedestrian waits, or will still be in its lane when it reaches the near edge."""
-    crossing = observation.crossing
-    to_edge_m = max(0.0, observation.ego.range_m - crossing.width_m / 2)
+    if anybody_waits(observation):
+        return True
+    to_edge_m = max(0.0, observation.ego.range_m - observation.crossing.width_m / 2)
     at_edge_s, _ = speeding_up(observation, to_edge_m, observation.ego.speed_mps)
-    return anybody_waits(observation) or any(
+    return any(
         pedestrian.on_crossing and lane_free_in_s(observation, pedestrian) > at_edge_s
         for pedestrian in observation.pedestrians
     )
@@ -148,10 +150,13 @@ def _somebody_to_yield_to(observation: Observation) -> bool:
 
 def _people_met(observation: Observation) -> list[InPath]:
     """The pedestrians whom it would meet if it drove on."""
+    moving = times_in_path(observation, CLEARANCE_M - PEDESTRIAN_RADIUS_M)
+    if not moving:
+        return moving
     arrives_s, clears_s = times_over_line_s(observation, CLEARANCE_M)
     return [
         person
-        for person in times_in_path(observation, CLEARANCE_M - PEDESTRIAN_RADIUS_M)
+        for person in moving
         if person.leaves_s >= max(0.0, arrives_s) and person.enters_s <= clears_s
     ]
 

@@ -244,11 +244,7 @@ def drives_of(
         for number, passage in enumerate(passages):
             rng = stream(scenario.experiment.seed, "recorded_drive", number, draw)
             begun = str((rng.bit_generator.state, rng.bit_generator.seed_seq))
-
-            def own_rng(rng: np.random.Generator = rng) -> np.random.Generator:
-                return rng
-
-            strategy = named_strategy(scenario, name, models[number], own_rng)
+            strategy = named_strategy(scenario, name, models[number], lambda: rng)  # noqa: B023
             trace = _simulated(passage, strategy, step_s)
             if trace.ending is Ending.FAILED:
                 raise HarnessError(f"{name} in {'/'.join(passage.vehicle_id)}: {trace.reason}")

@@ -47,9 +47,7 @@ def checked_simulations(study: Study) -> tuple[list[InteractionModel], Mapping[s
 
 
 def simulate_task(
-    task: Task,
-    tell: Tell = ignore,
-    window: Mapping[str, str] | None = None,
+    task: Task, tell: Tell = ignore, window: Mapping[str, str] | None = None
 ) -> TaskRows:
     """Simulate every arm of a task's pair; those that were given up are recorded as failed.
 
