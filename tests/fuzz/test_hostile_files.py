@@ -24,7 +24,6 @@ from tests.conftest import close_all
 from tests.fuzz.hostile import cases, hostile
 
 DATA = Path(__file__).resolve().parents[1] / "data"
-EXAMPLES = DATA.parents[1] / "examples"
 HANG_S = 120
 """No case takes nearly as long; what does, hangs."""
 
@@ -70,7 +69,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     shutil.copy(DATA / "rows_made_up.csv", folder)
     pd.read_csv(DATA / "rows_made_up.csv").to_parquet(folder / "rows_made_up.parquet")
     shutil.copy(shipped_directory("networks") / "cctc" / "cctc.net.xml", folder)
-    shutil.copytree(EXAMPLES / "own_simulation", folder / "town")
+    shutil.copytree(DATA.parents[1] / "examples" / "own_simulation", folder / "town")
     (folder / "hours.toml").write_text(HOURS, encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)

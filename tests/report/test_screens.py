@@ -15,7 +15,6 @@ from harness.results.result import Column, Result, Shown, Table, Versus
 from harness.scenario import Scenario
 from tests.cells import HUMAN_S, Fate, noisy, result_of, screen_text, study
 
-WIDTHS = st.integers(40, 200)
 NUMBERS = st.floats(-1e4, 1e4, allow_subnormal=False)
 SHARES = st.floats(0, 1, allow_subnormal=False)
 NAMES = st.text("abcdefg_ μτ", min_size=1, max_size=24).map(str.strip).filter(bool)
@@ -67,7 +66,7 @@ def signs(text: str) -> Counter[str]:
     return Counter(re.sub(r"\s", "", text))
 
 
-@given(tables(), WIDTHS, st.booleans())
+@given(tables(), st.integers(40, 200), st.booleans())
 def test_a_table_of_any_content_fits_and_loses_nothing(
     table: Table, width: int, full: bool
 ) -> None:

@@ -9,8 +9,6 @@ from pathlib import Path
 
 import pytest
 
-CHECKOUT = Path(__file__).parents[2]
-
 ADDED = {
     # A number of a column that is there: one entry.
     "harness/results/catalogue.py": (
@@ -81,7 +79,7 @@ def texts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     copy = tmp_path_factory.mktemp("copy")
     for name in ("harness", "docs", "scenarios", "networks"):
         ignored = shutil.ignore_patterns("__pycache__")
-        shutil.copytree(CHECKOUT / name, copy / name, ignore=ignored)
+        shutil.copytree(Path(__file__).parents[2] / name, copy / name, ignore=ignored)
     for name, (before, added) in ADDED.items():
         text = (copy / name).read_text("utf-8")
         assert text.count(before) == 1, name

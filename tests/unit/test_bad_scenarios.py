@@ -4,6 +4,7 @@ A case is a shipped scenario with settings as of ``--set``, and what the line mu
 """
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -207,6 +208,15 @@ def test_every_door_refuses_what_a_file_may_not_say(door: Callable[[], object]) 
     refusal_of(door, "perception.occlusion: has no effect; allowed: its default")
     lane = Scenario.model_validate({"ego": {"lane": 5}})
     refusal_of(lambda: Cell(0, {}, lane), "ego.lane: there is no lane 5")
+
+
+def test_no_door_takes_a_model_key_if_nobody_asks_the_model() -> None:
+    people, arms = {"walking_speed": {"mean_mps": 1.4, "std_mps": 0.2}}, {"human": "human_yield"}
+    tree = {"model": {"extrapolate": True}, "arms": arms, "pedestrians": people}
+    evaluate = partial(harness.evaluate, candidates=[{}], pairs=1)
+    for door in (harness.run, harness.run_pair, evaluate):
+        alone = partial(door, Scenario.model_validate(tree), engine="plain")
+        refusal_of(alone, "model.extrapolate: has no effect: nobody asks the model")
 
 
 def test_who_comes_in_a_simulation_is_in_the_schema() -> None:

@@ -30,11 +30,7 @@ from tests.cells import (
     study,
 )
 
-KINDS = {
-    "run": (),
-    "sweep": ("ego.length_m=4,5",),
-    "comparison": ("arms.av=gap_yield,soft_yield",),
-}
+KINDS = {"run": (), "sweep": ("ego.length_m=4,5",), "comparison": ("arms.av=gap_yield,soft_yield",)}
 """What varies.  The last cell, Soft-Yield in a car of 5 m, is that of the news."""
 
 Pair = tuple[Fate, Fate]

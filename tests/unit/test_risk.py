@@ -31,7 +31,6 @@ from harness.studies.risk.space import LIMITED, Space, parse_event, space_of
 from tests.risks import CROWD, FLAT, crowd, drawn, found, gain, half_space, rounds, union
 from tests.scenes import on_plain
 
-NOBODY = np.empty((0, 1))
 ASKED = RiskAsked(event="crashed", arm="av", target_cv=0.01, not_sampled=[])
 
 
@@ -303,7 +302,7 @@ def test_a_strategy_gets_the_uniforms_of_its_state() -> None:
     space, runner = space_of(scenario, Arm.AV), on_plain(scenario, load_model("dut"))
     # A far-side walker of 1.1 m/s meets a car of 5 m/s that does not brake.
     dead, alive = np.array([1.0, -0.2, -3.2, 0.0]), np.array([1.0, -0.2, -3.0, 0.0])
-    cases = [(9, space.given(state, NOBODY, 9)) for state in (dead, alive)]
+    cases = [(9, space.given(state, np.empty((0, 1)), 9)) for state in (dead, alive)]
     hit, missed = runner.run_arm_given(Arm.AV, cases)
     # Φ(−3.2) = 6.9e-4 is below 1e-3, Φ(−3) = 1.35e-3 is not.
     assert (hit.record.ending, missed.record.ending) == (Ending.CRASHED, Ending.CROSSED)

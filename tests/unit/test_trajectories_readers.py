@@ -14,8 +14,6 @@ from tests.scenes import refuses
 
 DATA = Path(__file__).parents[1] / "data"
 MADE_UP = DATA / "vci_made_up"
-SENSOR = DATA / "mobileye_made_up.csv"
-TABLE = DATA / "rows_made_up.csv"
 RATE = 4.0
 STEM = "straight_01"
 HEAD = "Device,Trip,Time,ObstacleId,Range,Transversal,Speed,GpsHeading,Longitude,Latitude\n"
@@ -85,7 +83,7 @@ def test_vci_bad_ratio_is_refused(clip, text):
 
 
 def test_mobileye_leaves_out_buses_of_the_other_way_and_short_sequences():
-    found = extract(SENSOR, "mobileye")
+    found = extract(DATA / "mobileye_made_up.csv", "mobileye")
     names = found.rows[["source", "clip", "vehicle", "pedestrian"]].drop_duplicates()
     assert names.to_numpy().tolist() == [["mobileye_made_up", "17101-4", "17101", "7-1"]]
     # 4 s of records of a pedestrian whose line the bus has not reached then.
@@ -143,7 +141,7 @@ def test_mobileye_without_a_bus_towards_the_crossing_is_refused(tmp_path):
 def test_table_rows_are_taken_bounded_and_counted():
     # Row 1: |20/5 − 3/1.5| = 2; row 2: |3.8 − 1.8| = 2; row 3: |3.8 − 5| = 1.2. Row 4 has neither
     # L nor T_adv, row 5 has R = 80 m, row 6 L = 0.1 m.
-    found = extract(TABLE, "table")
+    found = extract(DATA / "rows_made_up.csv", "table")
     np.testing.assert_allclose(found.rows["time_advantage_s"], [2, 2, 1.2], atol=1e-12)
     np.testing.assert_allclose(found.rows["arrival_time_s"], [4, 3.8, 3.8], atol=1e-12)
     assert (found.counts.rows, found.counts.pairs, found.counts.vehicles) == (3, 2, 1)

@@ -28,7 +28,7 @@ from harness.engine.installation import check_packages
 from harness.model.interaction import InteractionModel, load_model
 from harness.results import folder as folders
 from harness.results.loaded_run import Run, computed, load_run
-from harness.results.tables import TABLES_OF, TRACES
+from harness.results.tables import TABLES_OF, TRACES, RunKind
 from harness.scenario import EngineName, Scenario
 from harness.scenario.file import ScenarioFile, Settings, as_settings, read_scenario_file
 from harness.scenario.study import Study, study_from, study_of
@@ -98,11 +98,11 @@ def run(
         study = scenario
     else:
         study = study_of(scenario_file(scenario, changes), [*(vary or {}).items()])
-    models, files = _checked(study, engine)
-    size = 1 if study.long_pairs else part_pairs(study.base.experiment.pairs)
     if study.long_pairs and (traces or engine != "sumo"):
         where = Parameter("traces") if traces else Parameter("engine", engine)
         raise InputError(where, "is not supported with simulations", "SUMO, without traces")
+    models, files = _checked(study, engine)
+    size = 1 if study.long_pairs else part_pairs(study.base.experiment.pairs)
     manifest = claimed_folder.manifest_of(
         study, models, traces=traces, engine=engine, pairs_per_part=size, files=files
     )
@@ -173,27 +173,35 @@ def scenario_file(scenario: Scenario | str | Path, settings: Settings) -> Scenar
 
 
 def checked_models(
-    scenarios: Iterable[Scenario], engine: EngineName, what: str = ""
+    scenarios: Sequence[Scenario],
+    engine: EngineName,
+    what: str = "",
+    kind: RunKind = "encounters",
 ) -> list[InteractionModel]:
-    """The model of each scenario, after all checks of what a run needs.
+    """The model of each scenario, after all checks of what a run needs but the user's SUMO files.
 
     Args:
         scenarios: the scenarios.
         engine: as for ``run``; ``plain`` needs no SUMO.
         what: name of the list of scenarios in messages, if it has one.
+        kind: the kind that each scenario has to be of.
 
     Raises:
-        InputError: a scenario is not one of encounters, or its model, strategies or network are
-            refused.
+        InputError: a scenario is of another kind, its model or strategies are refused, or no
+            scenario asks a model that one of them chooses.
     """
     if engine == "sumo":
         check_packages()
+    changed = [key for each in scenarios for key in each.model.changed()]
+    if changed and not any(each.walks_by_model or asks_model(each) for each in scenarios):
+        problem = "has no effect: nobody asks the model"
+        raise InputError(f"model.{changed[0]}", problem, "its default")
     load, models = cache(load_model), []
     for number, scenario in enumerate(scenarios):
         with refused_at(f"{what}[{number}]" if what else ""):
-            if scenario.kind != "encounters":
+            if scenario.kind != kind:
                 problem = f"is a scenario of {scenario.kind}"
-                raise InputError(Parameter("scenario"), problem, "one of encounters")
+                raise InputError(Parameter("scenario"), problem, f"one of {kind}")
             models.append(load(scenario.model.name, scenario.model.path))
             check_arms(scenario, models[-1])
     return models
@@ -202,17 +210,12 @@ def checked_models(
 def _checked(study: Study, engine: EngineName) -> tuple[list[InteractionModel], Mapping[str, str]]:
     """The model of each cell and the hashes of the user's files, after all checks."""
     scenarios = [cell.scenario for cell in study.cells]
-    changed = [key for each in scenarios for key in each.model.changed()]
-    if changed and not any(each.walks_by_model or asks_model(each) for each in scenarios):
-        raise InputError(
-            f"model.{changed[0]}", "has no effect: nobody asks the model", "its default"
-        )
+    models = checked_models(scenarios, engine, kind=study.base.kind)
     if not study.long_pairs:
-        return checked_models(scenarios, engine), {}
+        return models, {}
     from harness.studies.running import simulations
 
-    check_packages()
-    return simulations.checked_simulations(study)
+    return models, simulations.checked_files(study, models)
 
 
 def _whole_parts(

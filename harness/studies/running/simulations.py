@@ -8,11 +8,11 @@ import pyarrow as pa
 
 from harness.core.errors import EngineError, InputError
 from harness.core.vocabulary import Arm, ignore
-from harness.encounter.arms import arm_key, check_arms
+from harness.encounter.arms import arm_key
 from harness.engine.arm_files import check_routes
 from harness.engine.installation import scratch_folder
 from harness.engine.shared import close_engine
-from harness.model.interaction import InteractionModel, load_model
+from harness.model.interaction import InteractionModel
 from harness.results.rows import simulation_rows
 from harness.results.tables import Row, Tables
 from harness.scenario import Cell, Scenario, Study
@@ -25,25 +25,22 @@ FILES = "sumo"
 """The folder of a run for what SUMO reads and writes, with a folder for each cell and pair."""
 
 
-def checked_simulations(study: Study) -> tuple[list[InteractionModel], Mapping[str, str]]:
-    """The model of each cell and the hashes of the user's files, after all checks.
+def checked_files(study: Study, models: Sequence[InteractionModel]) -> Mapping[str, str]:
+    """The hashes of the user's files, after all checks of them, from the model of each cell.
 
     Raises:
-        InputError: a strategy, the configuration, or a key that does not fit it is refused.
+        InputError: the configuration, or a key that does not fit it, is refused.
     """
-    load, models, files = cache(load_model), [], dict[str, str]()
-    for cell in study.cells:
-        scenario = cell.scenario
-        models.append(load(scenario.model.name, scenario.model.path))
-        check_arms(scenario, models[-1])
-        if scenario.traffic is None:
-            found = opened(scenario, models[-1])
+    files: dict[str, str] = {}
+    for cell, model in zip(study.cells, models, strict=True):
+        if cell.scenario.traffic is None:
+            found = opened(cell.scenario, model)
             check(found)
             now = found.config.digests
             if not now.items() <= files.items():
                 check_routes(found.config)
             files |= now
-    return models, files
+    return files
 
 
 def simulate_task(
