@@ -1,6 +1,6 @@
 """The entry point of the command ``harness`` and of ``python -m harness``.
 
-A run's first worker starts before the command is read, unless the workers are those of ``--dask``.
+The first worker of a run or page starts before the command is read, unless ``--dask`` has workers.
 """
 
 import os

@@ -54,9 +54,8 @@ class Session:
         runs: where SUMO runs.
 
     Attributes:
-        lost, advance: SUMO's exceptions, and its function for a step.  Only the loop of an
-            encounter in ``sumo_engine`` has them, where a context would cost time at every step;
-            elsewhere ``watched`` turns the exceptions into ``EngineError``.
+        lost, advance: SUMO's exceptions, and its function for a step.  ``watched`` turns the
+            exceptions into ``EngineError``, but not at every step, where a context would cost time.
 
     Raises:
         EngineError: SUMO does not start, or another simulation runs in this process.

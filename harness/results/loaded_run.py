@@ -5,9 +5,9 @@ about a run as a whole are made here, too.
 """
 
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache, cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +25,7 @@ from harness.results.cell_tables import drivers, scope_of, tables_of
 from harness.results.notes import FIRST, Note, notes_of, retries
 from harness.results.place import name_of, place_in_words
 from harness.results.result import Result
-from harness.results.tables import COUNTED, TABLES_OF, RunKind
+from harness.results.tables import COUNTED, TABLES_OF, TRACES, RunKind
 from harness.scenario import Scenario, Study, study_from
 from harness.scenario.file import ScenarioFile, as_settings, parts_of
 
@@ -76,7 +76,7 @@ class Run:
     def rows(self, table: str, cell: int) -> pa.Table:
         """The rows of a table and cell by pair, the AV's first, up to the first missing pair.
 
-        They are read once.
+        Those of a finished run are kept, but for its traces.
 
         Raises:
             InputError: runs of this kind have no such table, there is no such cell, a part is
@@ -84,11 +84,15 @@ class Run:
         """
         if table not in (names := [each.name for each in TABLES_OF[self.kind]]):
             raise unknown_name(str(self.path), "table", table, names)
-        return self._read(table, self.study.cell(cell).number)
+        key = table, self.study.cell(cell).number
+        rows = self._kept.get(key) or folders.read_cell(self.path, *key, self.manifest)
+        if self.finished and table != TRACES.name:
+            self._kept[key] = rows
+        return rows
 
     @cached_property
-    def _read(self) -> Callable[[str, int], pa.Table]:
-        return cache(partial(folders.read_cell, self.path, manifest=self.manifest))
+    def _kept(self) -> dict[tuple[str, int], pa.Table]:
+        return {}
 
     @property
     def kind(self) -> RunKind:
@@ -96,7 +100,7 @@ class Run:
         return self.study.base.kind
 
     def table(self, name: str) -> "pd.DataFrame":
-        """A table of all cells as a frame; it is read each time."""
+        """A table of all cells as a frame; a new one each time."""
         cells = (self.rows(name, cell.number) for cell in self.study.cells)
         frame: pd.DataFrame = pa.concat_tables(cells).to_pandas()
         return frame

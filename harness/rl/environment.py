@@ -16,10 +16,10 @@ from harness.encounter.loop import Episode, Steps
 from harness.encounter.pairing import PairRunner
 from harness.engine.shared import close_engine, open_engine
 from harness.measures import EpisodeRecord, has_contact, measure
-from harness.model.interaction import load_model
 from harness.scenario import EngineName, Scenario, load_scenario
 from harness.strategies.manoeuvres import half_path_width_m
 from harness.strategies.vector import acceleration_of, observation_vector
+from harness.studies.running.run import checked_models
 
 Vector = NDArray[np.float32]
 
@@ -103,10 +103,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         self._nearest, self._reward = whole_number("nearest", nearest, 1), reward
         self._kind, self.render_mode = engine, render_mode
         self._scenario = load_scenario(scenario, settings or {})
-        if self._scenario.kind != "encounters":
-            allowed = "one without [traffic] and [simulation]"
-            raise InputError("scenario", "is a simulation", allowed)
-        self._model = load_model(self._scenario.model.name, self._scenario.model.path)
+        (self._model,) = checked_models([self._scenario], engine)
         self._runner: PairRunner | None = None
         self._next_pair = 0
         self._episode: Episode | None = None

@@ -119,11 +119,11 @@ def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
             problem = f"cells {first} and {number} are the same ({what})"
             raise InputError(source, problem, "each value once")
         cells.append(Cell(number, varied, scenario, valid=True))
-    kinds = {(cell.scenario.traffic is None, cell.scenario.simulation is None) for cell in cells}
-    if len(kinds) > 1:
-        allowed = "[traffic] or [simulation] in every cell, or in none"
-        raise InputError(source, "cells are of different kinds", allowed)
     base, more = file.cell(), [Setting(key, None, source) for key in keys]
+    every = [base, *(cell.scenario for cell in cells)]
+    if len({(each.traffic is None, each.simulation is None) for each in every}) > 1:
+        allowed = "[traffic] or [simulation] in the file and every cell, or in none"
+        raise InputError(source, "cells are of different kinds", allowed)
     with file.located(more):
         study = Study(file.name, base, tuple(cells))
     _check_driven(study, [*file.settings, *more])

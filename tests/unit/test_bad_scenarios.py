@@ -177,6 +177,7 @@ BAD_FILES = [
     ("[sweep]\narms.av = []", "arms.av | no values"),
     ("[sweep]", "nothing to vary"),
     ("sweep = 3", "sweep | table"),
+    ("[sweep]\ntraffic.flow_per_hour = [100, 200]", "different kinds | in the file and every cell"),
     ("[sweep]\ncells = 3", "sweep.cells"),
     ("[sweep]\narms.av = ['hard_yield']\n[[sweep.cells]]\nego.length_m = 5.0", "arms"),
 ]

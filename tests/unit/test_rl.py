@@ -146,7 +146,7 @@ def test_the_vector_takes_the_nearest_first():
 
 def test_misuse_is_refused_in_words():
     refuses("nearest", lambda: environment(nearest=0))
-    refuses("is a simulation", lambda: environment(scenario="traffic"))
+    refuses("is a scenario of simulations", lambda: environment(scenario="traffic"))
 
     refuses("pair", lambda: environment().reset(options={"pair": -1}))
     refuses("key 'paar'; .*mean 'pair'", lambda: environment().reset(options={"paar": 1}))

@@ -226,7 +226,7 @@ SAID: dict[str, tuple[Pairs, str]] = {
         "1 of 14 simulations failed (AV 0, human_yield 1; by the strategy 1)",
     ),
     "nothing_tested": ([(arm([passage("a", pedestrians=0)], [trip("a")]), arm())] * 2, "met a ped"),
-    "few_pairs": (USUAL[:1], "a delay rests on one pair"),
+    "few_pairs": (USUAL[:1], "a number rests on one pair"),
     "collisions": (
         several({"vehicle_collisions": 2, "overlaps": 1}, {"overlaps": 4}),
         "vehicle collisions (AV 12, human_yield 0)",

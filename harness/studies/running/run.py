@@ -178,7 +178,7 @@ def checked_models(
     what: str = "",
     kind: RunKind = "encounters",
 ) -> list[InteractionModel]:
-    """The model of each scenario, after all checks of what a run needs but the user's SUMO files.
+    """The model of each scenario, after all checks but those of the user's SUMO files.
 
     Args:
         scenarios: the scenarios.
@@ -187,15 +187,11 @@ def checked_models(
         kind: the kind that each scenario has to be of.
 
     Raises:
-        InputError: a scenario is of another kind, its model or strategies are refused, or no
-            scenario asks a model that one of them chooses.
+        InputError: a scenario is of another kind, its model or strategies are refused, or one has a
+            key of ``[model]`` and none asks the model.
     """
     if engine == "sumo":
         check_packages()
-    changed = [key for each in scenarios for key in each.model.changed()]
-    if changed and not any(each.walks_by_model or asks_model(each) for each in scenarios):
-        problem = "has no effect: nobody asks the model"
-        raise InputError(f"model.{changed[0]}", problem, "its default")
     load, models = cache(load_model), []
     for number, scenario in enumerate(scenarios):
         with refused_at(f"{what}[{number}]" if what else ""):
@@ -204,6 +200,10 @@ def checked_models(
                 raise InputError(Parameter("scenario"), problem, f"one of {kind}")
             models.append(load(scenario.model.name, scenario.model.path))
             check_arms(scenario, models[-1])
+    changed = [key for each in scenarios for key in each.model.changed()]
+    if changed and not any(each.walks_by_model or asks_model(each) for each in scenarios):
+        problem = "has no effect: nobody asks the model"
+        raise InputError(f"model.{changed[0]}", problem, "its default")
     return models
 
 
