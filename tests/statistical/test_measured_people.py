@@ -237,7 +237,6 @@ def waits_s(site: Cell, behaviour: str, driver: str, folder: Path) -> np.ndarray
         "strategies.human_yield.yield_rate": yield_rate,
         "arms.av": driver,
         "arms.human": driver,
-        "model.extrapolate": True,
         "experiment.seed": 2,
         "experiment.pairs": 2,
     }
