@@ -3,14 +3,13 @@
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from jinja2.utils import htmlsafe_json_dumps
 
-from harness.core.documents import JsonObject, as_plain
-from harness.core.freezing import Frozen
+from harness.core.documents import JsonObject
 from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, Arm, Crossing, Ending, FloatArray
 from harness.measures.conflicts import time_advantage_s
 from harness.report.words import counted_noun, plain_text
@@ -35,8 +34,7 @@ _ARMS = {Arm.AV: "AV", Arm.HUMAN: "reference"}
 Rounded = list[float | None]
 
 
-@dataclass(frozen=True)
-class Player(Frozen):
+class Player(NamedTuple):
     """The player of a page.
 
     Attributes:
@@ -54,7 +52,7 @@ class Player(Frozen):
     @property
     def json(self) -> str:
         """Scenes and episodes as JSON that is safe inside a page."""
-        return htmlsafe_json_dumps(as_plain({"scenes": self.scenes, "episodes": self.episodes}))
+        return htmlsafe_json_dumps({"scenes": self.scenes, "episodes": self.episodes})
 
 
 def player_of(run: Run, shown: Sequence[ShownPair]) -> Player:
@@ -80,21 +78,20 @@ def pair_name(pair: ShownPair, several: bool) -> str:
     return f"cell {pair.cell}, pair {pair.pair}" if several else f"pair {pair.pair}"
 
 
-def _time_advantage_s(rows: pd.DataFrame, crossing: Crossing) -> FloatArray:
+def _time_advantage_s(objects: Mapping[str, pd.DataFrame], crossing: Crossing) -> FloatArray:
     """The least ``time_advantage_s`` over pedestrians at each of the ego's rows.
 
     Args:
-        rows: the rows of ``traces`` of one arm of one pair.
+        objects: the rows of ``traces`` of one arm of one pair by object, the ego's among them.
         crossing: the crosswalk from the ego's lane.
     """
-    parts = {str(name): part for name, part in rows.groupby("object", sort=False)}
-    ego = parts.pop("ego", rows.iloc[:0])
+    ego = objects["ego"]
     times = ego["time_s"].to_numpy()
     range_m, speed = -ego["x_m"].to_numpy(), ego["speed_mps"].to_numpy()
     smallest = np.full(len(times), np.inf)
-    for name, walker in parts.items():
+    for name, walker in objects.items():
         if not name.startswith("pedestrian-"):
-            continue  # a pedestrian as the strategy perceives them
+            continue  # the ego, or a pedestrian as the strategy perceives them
         y, walking = walker["y_m"].to_numpy(), np.abs(walker["speed_mps"].to_numpy())
         # Without movement they walk away from the nearer kerb.
         direction = np.sign(y[-1] - y[0]) or (1.0 if y[0] < crossing.length_m / 2 else -1.0)
@@ -140,10 +137,11 @@ def _episode(run: Run, pair: ShownPair) -> JsonObject:
     table = read_cell(run.path, "episodes", pair.cell, run.manifest, pair.pair)
     records: dict[Arm, Row] = {Arm(row["arm"]): row for row in table.to_pylist()}
     cell = next(cell for cell in run.study.cells if cell.number == pair.cell)
-    arms, both = [], [table.to_pandas() for table in (pair.traces, pair.people)]
+    traces, everybody = pair.traces.to_pandas(), pair.people.to_pylist()
+    arms = []
     for arm, record in records.items():
-        traces, people = (frame[frame["arm"] == arm] for frame in both)
-        arms.append(_arm(arm, record, traces, people, cell.scenario.crosswalk()))
+        rows, people = traces[traces["arm"] == arm], [of for of in everybody if of["arm"] == arm]
+        arms.append(_arm(arm, record, rows, people, cell.scenario.crosswalk()))
     times_s = [record["pass_time_s"] for record in records.values()]
     result = "τ undefined" if None in times_s else f"τ = {times_s[0] / times_s[1]:.3f}"
     varied = ", ".join(
@@ -159,14 +157,14 @@ def _episode(run: Run, pair: ShownPair) -> JsonObject:
         "result": result,
         "small": ", ".join([result, *_small(records)]),
         "note": " ".join([*([note] if pair.repeated else []), *pair.differences]),
-        "until": 0.0 if both[0].empty else _short(both[0]["time_s"].max()),
+        "until": 0.0 if traces.empty else _short(traces["time_s"].max()),
         "step": cell.scenario.experiment.step_s,
         "arms": arms,
     }
 
 
 def _arm(
-    arm: Arm, record: Row, rows: pd.DataFrame, people: pd.DataFrame, crossing: Crossing
+    arm: Arm, record: Row, rows: pd.DataFrame, people: Sequence[Row], crossing: Crossing
 ) -> JsonObject:
     """One arm of a pair."""
     rows = rows.sort_values("time_s", kind="stable")
@@ -178,16 +176,16 @@ def _arm(
     ego = tracks.get("ego", {"t": [], "x": [], "y": []})
     if "ego" in objects:
         ego |= {"v": _rounded(objects["ego"]["speed_mps"])}
-        ego |= {"gap": _rounded(_time_advantage_s(rows, crossing))}
+        ego |= {"gap": _rounded(_time_advantage_s(objects, crossing))}
     walkers = [
         {
-            "index": int(person["index"]),
+            "index": person["index"],
             "side": person["side"],
             "arrival": _short(person["arrival_s"]),
             "start": _short(person["start_s"]),
             **tracks.get(f"pedestrian-{person['index']}", {"t": [], "x": 0, "y": 0}),
         }
-        for person in people.to_dict("records")
+        for person in people
     ]
     seen = [
         {"index": int(name.removeprefix("shown-")), **track}

@@ -4,10 +4,11 @@ from collections.abc import Mapping, Sequence
 from itertools import combinations
 
 from harness.core.errors import checked
+from harness.core.seeding import resampling
 from harness.results.catalogue import ENTRY_OF, Entry
 from harness.results.cell_findings import worst_cases
 from harness.results.cell_tables import as_shown, drivers, scope_of, table_of
-from harness.results.estimators import EQUAL, FEW
+from harness.results.estimators import EQUAL, FEW, Sampling
 from harness.results.finding import Finding, Plain, Style
 from harness.results.loaded_run import Run, older_code
 from harness.results.notes import RULES, Note, notes_of
@@ -51,7 +52,11 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
     groups, alone = comparable(runs)
     kind = COMPARED[runs[0].kind]
     confidence = max(run.confidence for run in runs)
-    rows = [compared(*two, confidence) for group in groups for two in combinations(group, 2)]
+    rows = []
+    for group in groups:
+        # One generator, which keeps its state, so that they share their resamples.
+        rng = resampling(group[0].cell.scenario.experiment.seed, "comparison")
+        rows += [compared(*two, Sampling(rng, confidence)) for two in combinations(group, 2)]
     p_holm = {of.key: holm([row.found[of.key].p for row in rows]) for of in kind.differences}
     candidates = [candidate for group in groups for candidate in group]
     cells = [candidate.cell for candidate in candidates]

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from harness.core.seeding import resampling
 from harness.results import estimators
 from harness.results.catalogue import ENTRY_OF, Entry
 from harness.results.columns import AV, PairSample
@@ -117,16 +116,13 @@ class ComparedPair(NamedTuple):
     found: Mapping[str, Finding]
 
 
-def compared(a: Candidate, b: Candidate, confidence: float) -> ComparedPair:
-    """The differences of two strategies over the pairs that both have.
-
-    ``confidence`` is that of their intervals, two-sided.
-    """
+def compared(a: Candidate, b: Candidate, sampling: Sampling) -> ComparedPair:
+    """The differences of two strategies over the pairs that both have."""
     pairs = common_pairs(a, b)
     samples = a.sample(pairs), b.sample(pairs)
-    rng, found = resampling(a.cell.scenario.experiment.seed, "comparison"), {}
+    found = {}
     for gap in COMPARED[a.run.kind].differences:
-        finding = gap.of(*samples, Sampling(rng, confidence))
+        finding = gap.of(*samples, sampling)
         if finding.value is None:
             finding = replace(finding, reason="no pair counts in both")
         found[gap.key] = finding.reliable_above(gap.reliable_from, "pairs that differ")
