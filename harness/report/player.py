@@ -86,8 +86,7 @@ def _time_advantage_s(objects: Mapping[str, pd.DataFrame], crossing: Crossing) -
         crossing: the crosswalk from the ego's lane.
     """
     ego = objects["ego"]
-    times = ego["time_s"].to_numpy()
-    range_m, speed = -ego["x_m"].to_numpy(), ego["speed_mps"].to_numpy()
+    times, x_m, speed = (ego[name].to_numpy() for name in ("time_s", "x_m", "speed_mps"))
     smallest = np.full(len(times), np.inf)
     for name, walker in objects.items():
         if not name.startswith("pedestrian-"):
@@ -97,7 +96,7 @@ def _time_advantage_s(objects: Mapping[str, pd.DataFrame], crossing: Crossing) -
         direction = np.sign(y[-1] - y[0]) or (1.0 if y[0] < crossing.length_m / 2 else -1.0)
         lateral = (crossing.lane_centre_m - y) * direction
         at = np.searchsorted(times, walker["time_s"].to_numpy()).clip(max=len(times) - 1)
-        found = time_advantage_s(range_m[at], speed[at], lateral, walking)
+        found = time_advantage_s(-x_m[at], speed[at], lateral, walking)
         np.minimum.at(smallest, at, found)
     return smallest
 
