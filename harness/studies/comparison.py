@@ -52,11 +52,9 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
     groups, alone = comparable(runs)
     kind = COMPARED[runs[0].kind]
     confidence = max(run.confidence for run in runs)
-    rows = []
-    for group in groups:
-        # One generator, which keeps its state, so that they share their resamples.
-        rng = resampling(group[0].cell.scenario.experiment.seed, "comparison")
-        rows += [compared(*two, Sampling(rng, confidence)) for two in combinations(group, 2)]
+    # Every difference draws from one generator, which keeps its state, so they share resamples.
+    sampling = Sampling(resampling(runs[0].manifest["seed"], "comparison"), confidence)
+    rows = [compared(*two, sampling) for group in groups for two in combinations(group, 2)]
     p_holm = {of.key: holm([row.found[of.key].p for row in rows]) for of in kind.differences}
     candidates = [candidate for group in groups for candidate in group]
     cells = [candidate.cell for candidate in candidates]

@@ -118,8 +118,7 @@ class ComparedPair(NamedTuple):
 
 def compared(a: Candidate, b: Candidate, sampling: Sampling) -> ComparedPair:
     """The differences of two strategies over the pairs that both have."""
-    pairs = common_pairs(a, b)
-    samples = a.sample(pairs), b.sample(pairs)
+    samples = a.sample(pairs := common_pairs(a, b)), b.sample(pairs)
     found = {}
     for gap in COMPARED[a.run.kind].differences:
         finding = gap.of(*samples, sampling)
