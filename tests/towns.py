@@ -67,10 +67,10 @@ def _built_once(build: Callable[..., Path]) -> Callable[..., Path]:
 
 
 @_built_once
-def grid(folder: Path, end_s: int = 300, **options: str) -> Path:
+def grid(folder: Path, end_s: int = 300, lanes: int = 1, **options: str) -> Path:
     """Four by four junctions with people on every sidewalk; a light at two junctions."""
     arguments = ("--grid", "--grid.number", "4", "--grid.length", "100", "--tls.set", "C2,D1")
-    arguments = (*arguments, *_WALKABLE, "--no-turnarounds", "-j", "priority")
+    arguments = (*arguments, *_WALKABLE, "--no-turnarounds", "-j", "priority", "-L", str(lanes))
     call(folder, "netgenerate", *arguments, "-o", "net.net.xml")
     return with_demand(folder, end_s, 1.0, 0.8, **options)
 

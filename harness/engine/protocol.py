@@ -165,7 +165,10 @@ class Running(Protocol):
         """The class of every type of vehicles that has been read so far, by the type's id."""
 
     def lanes_ahead(self, vehicle: str, lane: str, /) -> Sequence[str]:
-        """The lanes that a vehicle will follow on its route, that on which it is first."""
+        """The lanes that a vehicle will follow on its route.
+
+        The first is that on which it is, or to which it has to change before the next junction.
+        """
 
     def follows(self, vehicle: str, speed_mps: float, deceleration_mps2: float, /) -> bool:
         """Whether the vehicle ahead is so near that the simulation keeps the distance to it.

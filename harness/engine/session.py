@@ -148,9 +148,8 @@ class Session:
             return [lane]
         *_, changes, _, ahead = rows[index]
         if len(ahead) < 2 and changes:
-            # It has to change lane before the junction.
             *_, ahead = rows[index + changes]
-        return [lane, *ahead[1:]]
+        return ahead or [lane]
 
     def add_route(self, name: str, edges: Sequence[str]) -> None:
         """Add a route for vehicles."""

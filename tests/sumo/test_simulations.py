@@ -46,26 +46,31 @@ def run(setup: Setup, folder: Path) -> dict[str, pd.DataFrame]:
 
 
 def trips(file: Path) -> list[dict[str, str]]:
-    """The trips of a tripinfo file."""
-    return [trip.attrib for trip in ET.parse(file).getroot() if trip.tag == "tripinfo"]
+    """The trips of a tripinfo file, but for the names of devices, which are SUMO's outputs."""
+    return [trip.attrib | {"devices": ""} for trip in ET.parse(file).getroot() if trip.tag == "tripinfo"]
 
 
 def test_nobody_driven_is_sumo_untouched(tmp_path: Path) -> None:
-    """With a share of 0 tripinfo equals plain SUMO's; the vehicles' rows are its rows."""
-    setup = setup_at(grid(tmp_path / "town", END_S), av_share=0.0)
+    """With a share of 0 tripinfo equals plain SUMO's; the vehicles' rows are its rows.
+
+    Every vehicle on a connection over a crosswalk has a passage, also if it changed lane for it.
+    """
+    setup = setup_at(grid(tmp_path / "town", END_S, 2), av_share=0.0)
     outcome = run(setup, tmp_path / "arm")
     # The configuration leads all outputs into its own folder.
-    plain = tmp_path / "arm" / "plain.xml"
-    config = str(tmp_path / "arm" / CONFIG_FILE)
-    call(tmp_path, program_path("sumo"), "-c", config, "--tripinfo-output", plain.name)
+    plain, states = (tmp_path / "arm" / name for name in ("plain.xml", "states.xml"))
+    files = ("--tripinfo-output", plain.name, "--fcd-output", states.name)
+    call(tmp_path, program_path("sumo"), "-c", str(tmp_path / "arm" / CONFIG_FILE), *files)
     ours = trips(tmp_path / "arm" / TRIPS_FILE)
     assert ours == trips(plain)
-    rows = outcome["vehicles"]
+    rows, passed = (outcome[name] for name in ("vehicles", "passages"))
     assert rows["vehicle"].tolist() == [trip["id"] for trip in ours]
     lost = [float(trip["timeLoss"]) + float(trip["departDelay"]) for trip in ours]
     assert rows["time_loss_s"].tolist() == pytest.approx(lost)
-    passed = outcome["passages"]
-    assert not passed["driven"].any()
+    over = [(way.via[0], at.id) for at in setup.crosswalks.values() for way in at.over]
+    seen = {(each.get("id"), each.get("lane")) for each in ET.parse(states).iter("vehicle")}
+    theirs = {(name, at) for name, on in seen for lane, at in over if lane == on}
+    assert theirs - {*zip(passed["vehicle"], passed["crosswalk"], strict=True)} == set()
     assert passed[["not_driven_because", "fallback"]].notna().mean().tolist() == [1.0, 0.0]
 
 
@@ -107,9 +112,8 @@ def test_everybody_driven(tmp_path: Path) -> None:
     assert early.empty, early[["vehicle", "connection", "trigger_s", "rear_s", "delay_s"]]
     missed = passed[passed["sumo_contact"] & passed["contact"].isna()]
     assert (missed["min_gap_m"] < 0.6).all()
-    people = everybody["people"]
-    assert (people["wait_s"] >= 0.0).all()
-    assert (people["own"].sum(), everybody["arms"]["people_left_out"].item()) == (0, 0)
+    assert (everybody["people"]["wait_s"] >= 0.0).all()
+    assert (everybody["people"]["own"].sum(), everybody["arms"]["people_left_out"].item()) == (0, 0)
 
 
 @pytest.mark.parametrize("strategy", ["gap_yield", "human_yield"])
