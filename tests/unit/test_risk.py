@@ -261,11 +261,11 @@ def test_the_sampled_uniforms_are_those_of_people_strategy_and_perception() -> N
     space = space_of(load_scenario("cctc", settings), Arm.AV)
     assert space.fixed == ("side", "quantile", "av_strategy", "av_strategy")
     eyes = {"perception.position_sd_m": 0.2, "perception.dropout_probability": 0.1}
-    seen = load_scenario("cctc_flow", {**eyes, "perception.detection_probability": 0.9})
-    space = space_of(seen, Arm.AV)
+    more = {"perception.detection_probability": 0.9, "pedestrians.warm_up_s": 30.0}
+    space = space_of(seen := load_scenario("cctc_flow", eyes | more), Arm.AV)
     person = ("side", "quantile", "detection", "redetection", "perception_error")
     assert space.marks == (*person, "perception_error")
-    assert len(space.by_chance) == 2
+    assert len(space.by_chance) == 3
     assert space_of(seen, Arm.HUMAN).marks == person[:2]  # ``perception`` is the AV's alone
     # Two people: each has one uniform of every stream, and two errors in a row.
     people = space.crowd(np.random.default_rng(1))[:2].copy()

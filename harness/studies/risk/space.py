@@ -199,6 +199,7 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
         fixed += [draws_from(scenario, arm)] * GIVEN_DRAWS
         by_chance.append(f"what the strategy draws after its first {GIVEN_DRAWS} random numbers")
     rate = people.flow_per_hour / SECONDS_PER_HOUR
+    by_chance += ["who already walks at the trigger"] * (rate > 0 and people.warm_up_s > 0)
     flows = rate > 0 and (most is None or most > first)
     if not (fixed or flows or (timed + first and by_chance)):
         allowed = "a flow above 0, or misses of this driver's perception; otherwise use harness run"
