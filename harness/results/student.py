@@ -79,7 +79,7 @@ def clustered_share(events: FloatArray, trials: FloatArray, confidence: float) -
     The interval is Korn and Graubard's (1998): the exact one of the effective number of trials.
     That is their number over the design effect, and times (t_trials / t_pairs)², with Student's
     quantiles.  The design effect is the variance between pairs over the binomial variance, at
-    least 1.
+    least 1; fewer than 5 pairs in which the event happens, or does not, tell too little of it.
 
     Args:
         events, trials: numbers of each pair, NaN where undefined.
@@ -105,8 +105,9 @@ def clustered_share(events: FloatArray, trials: FloatArray, confidence: float) -
     worth = float(special.stdtrit(n - 1, tail) / special.stdtrit(pairs - 1, tail)) ** 2
     effective = n / effect * min(1.0, worth)
     low, high = clopper_pearson(value * effective, effective, confidence)
-    found = Finding(value, low, high, pairs, happened, reliable=True)
-    return replace(found.reliable_above(RELIABLE_PAIRS, "pairs"), n=n)
+    telling = min(np.count_nonzero(each) for each in (events, trials - events) if each.any())
+    found = Finding(value, low, high, int(telling), happened, reliable=True)
+    return replace(found.reliable_above(RELIABLE_PAIRS, "informative pairs"), n=n)
 
 
 def _contributions(above: FloatArray, below: FloatArray) -> tuple[float | None, FloatArray]:

@@ -137,7 +137,7 @@ ARMS = TableSchema("arms", (
     Field("counted_s", float, "s", "duration of the counted time"),
     Field("vehicle_collisions", int, "", "collisions of vehicles that SUMO reports"),
     Field("person_collisions", int, "", "collisions of vehicles and people that it reports"),
-    Field("teleports", int, "", "vehicles that SUMO teleported"),
+    Field("teleports", int, "", "vehicles that SUMO teleported in the counted time"),
     Field("emergency_stops", int, "", "emergency stops that SUMO reports"),
     Field("overlaps", int, "", "overlaps behind a vehicle that waits inside a junction"),
     Field("harness_people", int, "", "the harness's people who arrived"),

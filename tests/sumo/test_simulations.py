@@ -47,7 +47,7 @@ def run(setup: Setup, folder: Path) -> dict[str, pd.DataFrame]:
 
 def trips(file: Path) -> list[dict[str, str]]:
     """The trips of a tripinfo file, but for the names of devices, which are SUMO's outputs."""
-    return [trip.attrib | {"devices": ""} for trip in ET.parse(file).getroot() if trip.tag == "tripinfo"]
+    return [trip.attrib | {"devices": ""} for trip in ET.parse(file).iter("tripinfo")]
 
 
 def test_nobody_driven_is_sumo_untouched(tmp_path: Path) -> None:
@@ -102,8 +102,7 @@ def test_everybody_driven(tmp_path: Path) -> None:
     """
     everybody = run(setup_at(grid(tmp_path / "town", END_S)), tmp_path / "arm")
     passed = everybody["passages"]
-    assert len(passed) > 300
-    assert passed["driven"].all()
+    assert (len(passed) > 300, passed["driven"].all()) == (True, True)
     assert set(passed["manoeuvre"]) == {"straight", "left", "right"}
     assert everybody["arms"]["vehicle_collisions"].item() == 0
     shares = [name for name in map(str, passed) if name.startswith("share_")]

@@ -85,16 +85,18 @@ def test_a_share_of_correlated_passages_is_worth_fewer_of_them() -> None:
     n = 200 / effect * worth
     ends = stats.beta.ppf(0.025, p * n, n - p * n + 1), stats.beta.ppf(0.975, p * n + 1, n - p * n)
     found = clustered_share(events, trials, 0.95)
-    assert (found.low, found.high) == pytest.approx(ends)
-    assert (found.value, found.events, found.n) == (p, 4, 200)
+    told = found.low, found.high, found.value, found.events, found.n
+    assert told == pytest.approx((*ends, p, 4, 200))
     none = clustered_share(0 * events, trials, 0.95)
     assert none.high == pytest.approx(1 - 0.025 ** (1 / (200 * worth)))
+    # Simulated samples (docs/method.md) are covered if 5 pairs or more have the event.
+    few = [clustered_share(np.arange(9.0) // k, np.full(9, 50.0), 0.95).reliable for k in (4, 5)]
+    assert few == [True, False]
 
 
 def test_one_pair_has_a_bound_at_nothing_and_no_other_interval() -> None:
-    none = clustered_share(np.zeros(1), np.array([300.0]), 0.95)
-    assert none.high == pytest.approx(stats.beta.ppf(0.975, 1, 300))
-    assert (none.reliable, none.reason) == (False, ALONE)
+    none, high = clustered_share(np.zeros(1), np.full(1, 300.0), 0.95), 1 - 0.025 ** (1 / 300)
+    assert (none.high, none.reliable, none.reason) == (pytest.approx(high), False, ALONE)
     one = clustered_share(np.ones(1), np.array([300.0]), 0.95)
     assert (one.value, one.low, one.reason) == (1 / 300, None, ONE)
     assert clustered_share(np.zeros(1), np.zeros(1), 0.95).value is None

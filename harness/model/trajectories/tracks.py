@@ -123,9 +123,7 @@ class TravelPath(Frozen):
 
     def at(self, arc_m: float) -> FloatArray:
         """(2,) the point at a path length, which is clipped to the path."""
-        x = np.interp(arc_m, self.arc_m, self.points[:, 0])
-        y = np.interp(arc_m, self.arc_m, self.points[:, 1])
-        return np.array([x, y])
+        return np.array([np.interp(arc_m, self.arc_m, axis) for axis in self.points.T])
 
     def direction(self, arc_m: float, half_chord_m: float) -> FloatArray:
         """(2,) unit direction of motion at a path length, from a chord of the path.
