@@ -216,8 +216,7 @@ def load_run(path: Path | str, settings: Mapping[str, Any] | None = None) -> Run
     study = study_from(asked, where)
     stored = None if settings else folders.read_findings(path, manifest, study.cells)
     finished = folders.is_finished(path)  # a run may end while its parts are read
-    found = stored or computed(path, manifest, study)
-    return Run(path, frozen(manifest), study, finished, found)
+    return Run(path, frozen(manifest), study, finished, stored or computed(path, manifest, study))
 
 
 def older_code(manifest: folders.Manifest) -> list[Note]:

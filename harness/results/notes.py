@@ -244,12 +244,15 @@ def _collisions(cell: CellFindings) -> Iterator[Said]:
 
 
 def _few_simulations(cell: CellFindings) -> Iterator[Said]:
-    """The fewest pairs on which a delay or wait of the first screen rests."""
+    """The fewest pairs on which a delay or wait of the first screen rests, or shares in doubt."""
     keys = ("av_delay_s", "other_delay_s", "vehicles_delay_s", "people_wait_s", "people_delay_s")
     ran = min((n for key in keys if (n := cell[f"{key}_difference"].n)), default=RELIABLE_PAIRS)
     if ran < RELIABLE_PAIRS:
         rests = f"intervals rest on {ran:,} or more" if ran > 1 else "a number rests on one pair"
         yield Said(f"Few pairs: {rests}.", f"Reliable from {RELIABLE_PAIRS} pairs on.", -ran)
+    elif any(cell[key].reliable is False for each in on_first_screen(cell) for key in each.keys):
+        least = f"Reliable from {RELIABLE_PAIRS} pairs with an event on."
+        yield Said("Intervals of events in few pairs are unreliable (*).", least, -ran)
 
 
 def _cut_off(cell: CellFindings) -> Iterator[Said]:

@@ -123,8 +123,7 @@ def _table(title: str, rows: Sequence[ComparedPair], *columns: _Column, legend: 
         (Column("a", "A"), [row.a.driven for row in rows]),
         (Column("b", "B"), [row.b.driven for row in rows]),
     ]
-    filled = [(name, tuple(values)) for name, values in (*names, *columns)]
-    return table_of(title, filled, legend)
+    return table_of(title, [(name, tuple(values)) for name, values in (*names, *columns)], legend)
 
 
 def _screen(rows: Sequence[ComparedPair], p_holm: Sequence[float | None], kind: Compared) -> Table:

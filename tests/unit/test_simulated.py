@@ -103,9 +103,7 @@ def test_one_pair_has_a_bound_at_nothing_and_no_other_interval() -> None:
 
 
 @given(st.floats(0.0, 0.3), st.floats(5.0, 60.0))
-def test_the_vehicles_on_a_network_grow_by_those_whom_it_does_not_serve(
-    left: float, trip_s: float
-) -> None:
+def test_a_network_fills_with_those_whom_it_does_not_serve(left: float, trip_s: float) -> None:
     due_s = np.arange(0.0, 900.0, 1.0)
     never = np.arange(900) % 100 < round(100 * left)
     found = growth(due_s, np.where(never, np.nan, due_s + trip_s), 0.0, 900.0)
@@ -229,6 +227,7 @@ SAID: dict[str, tuple[Pairs, str]] = {
     ),
     "nothing_tested": ([(arm([passage("a", pedestrians=0)], [trip("a")]), arm())] * 2, "met a ped"),
     "few_pairs": (USUAL[:1], "a number rests on one pair"),
+    "few_pairs (events)": ([*altered(USUAL[:4], contact_person="p"), *USUAL[4:]], "in few pairs"),
     "collisions": (
         several({"vehicle_collisions": 2, "overlaps": 1}, {"overlaps": 4}),
         "vehicle collisions (AV 12, human_yield 0)",
