@@ -23,12 +23,11 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     local = not any(word.startswith(("--help", "--dask")) for word in sys.argv)
     if local and sys.argv[1:2] in (["run"], ["sweep"], ["report"]):
-        from harness.studies.running.children import import_arrow, start_children
+        from harness.studies.running.children import start_children
 
         # The first worker imports its modules while this process imports its own.
         with suppress(HarnessError):  # the command will say it
             start_children(1)
-        import_arrow()
     from harness.cli.app import main as run
 
     run()

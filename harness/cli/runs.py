@@ -41,13 +41,15 @@ def run(
     try:
         from harness.scenario import study_of
         from harness.scenario.variation import parse_variation
-        from harness.studies.running.run import run as run_study, scenario_file
+        from harness.studies.scenario_files import scenario_file
 
         file = scenario_file(scenario, settings_of(settings, pairs, seed))
         variations = [parse_variation(text) for text in vary or []]
         study = study_of(file, variations)
         if vary and file.sweep is not None:
             say(f"note: --vary replaces the [sweep] of {file.source}")
+        children.import_arrow()
+        from harness.studies.running.run import run as run_study
 
         bar = progress_bar(quiet or as_json)
         with bar as advance, unwinding(), _cluster(dask, workers, study.driven) as cluster:
@@ -111,10 +113,11 @@ def risk(
     """Estimate the probability of a rare event in an episode."""
     from harness.core.vocabulary import Arm
     from harness.scenario import study_of
-    from harness.studies.risk.estimate import risk as estimate
-    from harness.studies.running.run import scenario_file
+    from harness.studies.scenario_files import scenario_file
 
     study = study_of(scenario_file(scenario, settings_of(settings, None, seed)))
+    from harness.studies.risk.estimate import risk as estimate
+
     bar = progress_bar(quiet or as_json, "parts")
     with bar as advance, unwinding(), _cluster(dask, workers, study.driven) as cluster:
         result = estimate(

@@ -88,8 +88,7 @@ class SumoEngine:
             )
             people.place(())
             self._advance()
-            x = self._start_x_m + self._get_distance(self._ego)
-            return x, self._get_speed(self._ego)
+            return self._start_x_m + self._get_distance(self._ego), self._get_speed(self._ego)
 
     def step(self, speed_mps: float, pedestrians: Sequence[tuple[int, float]]) -> float:
         """See ``Engine.step``."""

@@ -60,8 +60,7 @@ class Scenario(sections.Section):
     @property
     def kind(self) -> Literal["encounters", "simulations"]:
         """The kind of run: the key of every literal table of kinds."""
-        alone = self.traffic is None and self.simulation is None
-        return "encounters" if alone else "simulations"
+        return "simulations" if self.traffic or self.simulation else "encounters"
 
     @property
     def walks_by_model(self) -> bool:
@@ -74,8 +73,7 @@ class Scenario(sections.Section):
 
         In simulations the reference may drive vehicles that are not of ``av_types``.
         """
-        alone = self.traffic is None or self.traffic.av_share == 1
-        return alone and self.simulation is None
+        return self.simulation is None and (self.traffic is None or self.traffic.av_share == 1)
 
     def vehicle(self, driver: Arm | None = None, *, oncoming: bool = False) -> Vehicle:
         """The ego's constants on this road; the detection range defaults to the trigger range.

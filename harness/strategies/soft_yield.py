@@ -113,8 +113,7 @@ def _follow(plan: _Plan, observation: Observation) -> float:
     if plan.decelerate_until_s > now_s:
         if until_arrival_s <= step_s:
             return 2 * (range_m - speed_mps * until_arrival_s) / until_arrival_s**2
-        coasting_mps = _coasting_mps(observation, until_arrival_s)
-        return (coasting_mps - speed_mps) / step_s
+        return (_coasting_mps(observation, until_arrival_s) - speed_mps) / step_s
     if until_arrival_s < -ROUNDING:
         return towards_v0(observation)
     if until_arrival_s <= step_s:

@@ -313,8 +313,7 @@ def _distance_m(mover: Entity, ego: Entity) -> float:
     """The least distance of two movers."""
     time_s, x_m, y_m = mover.states[:, :3].T
     ego_s, ego_x_m, ego_y_m = ego.states[:, :3].T
-    away_m = x_m + 1j * y_m - np.interp(time_s, ego_s, ego_x_m + 1j * ego_y_m)
-    return float(np.abs(away_m).min())
+    return float(np.abs(x_m + 1j * y_m - np.interp(time_s, ego_s, ego_x_m + 1j * ego_y_m)).min())
 
 
 def _between(mover: Entity, since_s: float, end_s: float) -> Entity:

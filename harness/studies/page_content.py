@@ -181,5 +181,4 @@ def _most_striking(rows: "pd.DataFrame", column: str) -> list[Key]:
 
 
 def _keys(rows: "pd.DataFrame", most: int = _EACH) -> list[Key]:
-    keys = dict.fromkeys(zip(rows["cell"].tolist(), rows["pair"].tolist(), strict=True))
-    return [*keys][:most]
+    return [*dict.fromkeys(zip(rows["cell"].tolist(), rows["pair"].tolist(), strict=True))][:most]
