@@ -124,7 +124,7 @@ def write_page(content: PageContent, page: Path, figures: Path | None = None) ->
             _RunParts(
                 str(run.path),
                 (*_failures(run), *content.warnings),
-                episodes=run.kind == "encounters",
+                episodes=content.has_episodes,
                 player=player_of(run, shown) if shown else None,
                 scenario=_scenario(run),
             ),

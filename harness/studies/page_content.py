@@ -1,7 +1,6 @@
 """What the page of a run shows: its results, verdicts, and the pairs worth watching."""
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -68,6 +67,11 @@ class PageContent(NamedTuple):
     shown: Sequence[ShownPair] = ()
     warnings: tuple[str, ...] = ()
 
+    @property
+    def has_episodes(self) -> bool:
+        """Whether the run is one of episodes, which a player can show."""
+        return self.run.kind == "encounters"
+
 
 def page_content(
     folder: Path,
@@ -101,15 +105,11 @@ def page_content(
         about = (note for note in run.result().notes if note.key in ("selected", "failures"))
         result = replace(result, notes=(*result.notes, *about))
     groups = groups_of([run]) if run.finished else []
-    content = PageContent(run, result, allowed=allowed_in(groups, mu0, kappa0, run.confidence))
-    chosen = chosen_pairs(run) if run.kind == "encounters" else {}
-    with ThreadPoolExecutor(1) as beside:
-        # Other processes simulate the pairs while this one compares.
-        simulated = beside.submit(shown_pairs, run, chosen)
-        if any(len(group) > 1 for group in groups):
-            content = content._replace(compared=compare(run, mu0=mu0, kappa0=kappa0))
+    several = any(len(group) > 1 for group in groups)
+    compared = compare(run, mu0=mu0, kappa0=kappa0) if several else None
+    content = PageContent(run, result, compared, allowed_in(groups, mu0, kappa0, run.confidence))
     try:
-        shown = simulated.result()
+        shown = shown_pairs(run) if content.has_episodes else []
     except HarnessError as error:
         return content._replace(warnings=(f"the page shows no episodes: {error}",))
     warnings = (
@@ -120,17 +120,21 @@ def page_content(
     return content._replace(shown=shown, warnings=tuple(warnings))
 
 
-def shown_pairs(run: Run, chosen: Mapping[str, Sequence[Key]]) -> list[ShownPair]:
+def shown_pairs(run: Run) -> list[ShownPair]:
     """The pairs of ``chosen_pairs`` with their traces, each once.
+
+    Args:
+        run: a run with at least one finished pair.
 
     Raises:
         HarnessError: pairs cannot be simulated again.
     """
     reasons: dict[Key, list[str]] = {}
-    for reason, keys in chosen.items():
+    for reason, keys in chosen_pairs(run).items():
         for key in keys:
             reasons.setdefault(key, []).append(reason)
-    found, shown, repeated = traced(run, reasons, tuple(Arm)), [], not run.manifest["traces"]
+    found, shown = traced(run, reasons, tuple(Arm)), []
+    repeated = not run.manifest["traces"]
     for key, whys in reasons.items():
         tables, differences = found[key]
         traces, people = (tables[name] for name in ("traces", "pedestrians"))
