@@ -62,8 +62,7 @@ def max_drac_mps2(chunk: Chunk) -> FloatArray:
         rolling = 2 * (speed - ahead / leaves_s) / leaves_s
         stopping = speed**2 / (2 * ahead)
         drac = np.where(speed * leaves_s <= 2 * ahead, rolling, stopping)
-    largest = chunk.largest(met.trace[at_risk], drac)
-    return np.where(chunk.crashed, np.nan, largest)
+    return np.where(chunk.crashed, np.nan, chunk.largest(met.trace[at_risk], drac))
 
 
 def required_deceleration_mps2(chunk: Chunk) -> FloatArray:

@@ -248,8 +248,7 @@ def row_weights(rows: pd.DataFrame, weigh: str) -> FloatArray:
     _, first_row = np.unique(encounter, return_index=True)
     met = np.bincount(vehicle[first_row]).astype(np.float64)
     capped = np.minimum(met, np.median(met))
-    factor = (capped / met)[vehicle] * (met.sum() / capped.sum())
-    return np.asarray(per_encounter * factor)
+    return np.asarray(per_encounter * (capped / met)[vehicle] * (met.sum() / capped.sum()))
 
 
 def independent_vehicles(rows: pd.DataFrame) -> IntArray | None:

@@ -163,5 +163,4 @@ def bounds_of(blocks: Sequence[Block]) -> list[str]:
     texts = sorted(left, key=left.__getitem__, reverse=True)
     if not texts:
         return []
-    level = words.level_text(CONFIDENCE)
-    return [f"{'; '.join(texts[:_MOST_BOUNDS])} ({level}, one-sided)."]
+    return [f"{'; '.join(texts[:_MOST_BOUNDS])} ({words.level_text(CONFIDENCE)}, one-sided)."]

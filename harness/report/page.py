@@ -209,8 +209,7 @@ def _table(table: Table, name: str, confidence: float, title: str = "") -> _Tabl
     headings = [column.heading for column in table.columns]
     rows = [[_cell(cell, confidence) for cell in row] for row in table.rows]
     sortable = len(rows) > 1 and headings[0] != ""
-    lines = below(table, confidence)
-    return _Table(name, table.title or title, headings, rows, lines, sortable)
+    return _Table(name, table.title or title, headings, rows, below(table, confidence), sortable)
 
 
 def _cell(cell: Entered, confidence: float) -> _Cell:

@@ -251,8 +251,8 @@ def _few_simulations(cell: CellFindings) -> Iterator[Said]:
         rests = f"intervals rest on {ran:,} or more" if ran > 1 else "a number rests on one pair"
         yield Said(f"Few pairs: {rests}.", f"Reliable from {RELIABLE_PAIRS} pairs on.", -ran)
     elif any(cell[key].reliable is False for each in on_first_screen(cell) for key in each.keys):
-        least = f"Reliable from {RELIABLE_PAIRS} pairs with an event."
-        yield Said("Intervals of events in few pairs are unreliable (*).", least, -ran)
+        least = f"Reliable from {RELIABLE_PAIRS} pairs with the event and as many without it."
+        yield Said("Intervals of shares that few pairs decide are unreliable (*).", least, -ran)
 
 
 def _cut_off(cell: CellFindings) -> Iterator[Said]:

@@ -79,7 +79,8 @@ def clustered_share(events: FloatArray, trials: FloatArray, confidence: float) -
     The interval is Korn and Graubard's (1998): the exact one of the effective number of trials.
     That is their number over the design effect, and times (t_trials / t_pairs)², with Student's
     quantiles.  The design effect is the variance between pairs over the binomial variance, at
-    least 1; fewer than 5 pairs in which the event happens, or does not, tell too little of it.
+    least 1.  If 1 to 4 pairs have an event, or a trial without one, they tell too little of it, and
+    the interval is unreliable.  Without an event the trials count as independent.
 
     Args:
         events, trials: numbers of each pair, NaN where undefined.
@@ -107,7 +108,7 @@ def clustered_share(events: FloatArray, trials: FloatArray, confidence: float) -
     low, high = clopper_pearson(value * effective, effective, confidence)
     telling = min(np.count_nonzero(each) for each in (events, trials - events) if each.any())
     found = Finding(value, low, high, int(telling), happened, reliable=True)
-    return replace(found.reliable_above(RELIABLE_PAIRS, "informative pairs"), n=n)
+    return replace(found.reliable_above(RELIABLE_PAIRS, "pairs with and without it"), n=n)
 
 
 def _contributions(above: FloatArray, below: FloatArray) -> tuple[float | None, FloatArray]:

@@ -15,6 +15,7 @@ import numpy as np
 from harness.core.actuation import Actuator
 from harness.core.vocabulary import LIMITED_BY, STRATEGY, Crossing, FloatArray, Strategy, Vehicle
 from harness.encounter.driver import Driver, attribute_of
+from harness.engine.ids import edge_of
 from harness.site.town import Connection, Crosswalk
 from harness.site.zone import Zone
 
@@ -218,6 +219,12 @@ class Passage:
     def crossing(self) -> Crossing:
         """The crosswalk's constants in the straight frame."""
         return self.at.zone.crossing
+
+    @property
+    def off_lane(self) -> bool:
+        """Whether the vehicle still has to change lane before the crosswalk's junction."""
+        lane, before = self.car.lane, self.at.connection.from_lane
+        return lane != before and edge_of(lane) == edge_of(before)
 
     # What the harness's people see of it (``encounter.deciding.Approaching``)
 

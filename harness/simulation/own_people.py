@@ -57,13 +57,14 @@ class OwnPeople:
         self._session, self._crosswalk = session, crosswalk
         self._cars, self._refresh = cars, refresh
         self.arrivals = setup.arrivals(pair, crosswalk.id)
-        self._lanes: dict[str, KerbLane] = {}
+        self._lanes: dict[tuple[str, bool], KerbLane] = {}
         for connection in crosswalk.connections:
             zone = zone_of(setup.town.path(connection), crosswalk, CAR.length_m, CAR.width_m)
             if zone is not None:
                 road = zone.crossing
-                centre_m = zone.y_of(road.lane_centre_m)
-                self._lanes[connection.id] = KerbLane(centre_m, road.lane_width_m, road.length_m)
+                at = zone.y_of(road.lane_centre_m), road.lane_width_m, road.length_m
+                # The other one has the vehicles that still have to change to this lane.
+                self._lanes |= {(connection.id, off): KerbLane(*at) for off in (False, True)}
         length_m, lanes = crosswalk.length_m, [*self._lanes.values()]
         self._road = Crossing(length_m, crosswalk.width_m, length_m / 2, length_m)
         constants = constants_of(setup.scenario)
@@ -77,11 +78,12 @@ class OwnPeople:
 
     def _see(self) -> None:
         """Look at the vehicles that have begun a passage, and at the next one in each lane."""
-        begun, others = (defaultdict[str, list[Passage]](list) for _ in range(2))
+        begun, others = (defaultdict[tuple[str, bool], list[Passage]](list) for _ in range(2))
         for car in self._cars.values():
             for each in car.passages:
                 if each.at.crosswalk is self._crosswalk:
-                    (begun if each.begun else others)[each.at.connection.id].append(each)
+                    on = each.at.connection.id, each.off_lane
+                    (begun if each.begun else others)[on].append(each)
         for name, lane in self._lanes.items():
             in_order = sorted(begun[name], key=lambda each: -each.x_m)
             lane.coming = [*in_order, *self._next(others[name])]

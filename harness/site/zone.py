@@ -146,5 +146,4 @@ def _begins_far(path: FrontPath, s: float, crosswalk: Crosswalk) -> bool:
     """Whether the axis begins at the kerb opposite to the side on which traffic keeps."""
     begin, *_, end = (complex(*point[:2]) for point in crosswalk.axis.coords)
     ahead = path.position(s) - path.position(s - _SHORT_M)
-    leads_left = bool(((end - begin) / ahead).imag > 0.0)
-    return leads_left == crosswalk.left_hand
+    return bool(((end - begin) / ahead).imag > 0.0) == crosswalk.left_hand

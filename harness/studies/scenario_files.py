@@ -1,6 +1,6 @@
 """What a command or function is asked to run in; a scenario's file out.
 
-A misspelt key is refused before tables, models and SUMO are imported.
+For a command this is apart, so that it refuses a misspelt key before it imports tables and models.
 """
 
 from pathlib import Path

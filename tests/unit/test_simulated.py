@@ -227,7 +227,7 @@ SAID: dict[str, tuple[Pairs, str]] = {
     ),
     "nothing_tested": ([(arm([passage("a", pedestrians=0)], [trip("a")]), arm())] * 2, "met a ped"),
     "few_pairs": (USUAL[:1], "a number rests on one pair"),
-    "few_pairs (events)": ([*altered(USUAL[:4], contact_person="p"), *USUAL[4:]], "in few pairs"),
+    "few_pairs (events)": ([*altered(USUAL[:4], contact_person="p"), *USUAL[4:]], "pairs decide"),
     "collisions": (
         several({"vehicle_collisions": 2, "overlaps": 1}, {"overlaps": 4}),
         "vehicle collisions (AV 12, human_yield 0)",

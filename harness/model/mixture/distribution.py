@@ -115,8 +115,7 @@ class TruncatedGaussianMixture:
         diagonals = np.diagonal(self._factors, axis1=1, axis2=2)
         constant = np.log(self.weights / self.masses) - np.log(diagonals).sum(axis=1)
         constant -= 0.5 * dimension * np.log(2.0 * np.pi)
-        terms = constant[:, None] - 0.5 * squares
-        return np.where(self._inside(points), log_sum(terms), -np.inf)
+        return np.where(self._inside(points), log_sum(constant[:, None] - 0.5 * squares), -np.inf)
 
     def sample(self, n: int, rng: np.random.Generator) -> FloatArray:
         """n independent draws, (n, d), all inside the box, in random order.

@@ -172,8 +172,7 @@ class _Record:
             return None
         on_car_m, driving, walking, _ = crossing
         leftward = bool(driving[0] * walking[1] - driving[1] * walking[0] > 0)
-        side = Side.NEAR if leftward != self.clip.y_down else Side.FAR
-        return _Crosser(walker, on_car_m, side)
+        return _Crosser(walker, on_car_m, Side.NEAR if leftward != self.clip.y_down else Side.FAR)
 
     def _passage(self, group: Sequence[_Crosser]) -> RecordedPassage | str:
         """A passage with those who cross its path together, or why it is left out."""
