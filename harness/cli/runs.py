@@ -2,6 +2,7 @@
 
 import logging
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
@@ -39,11 +40,16 @@ def run(
         # They import their modules while this process imports its own.
         children.start_children(local.workers_for(workers, pairs))
     try:
-        from harness.scenario import study_of
+        from harness.scenario import read_scenario_file, study_of
         from harness.scenario.variation import parse_variation
-        from harness.studies.scenario_files import scenario_file
 
-        file = scenario_file(scenario, settings_of(settings, pairs, seed))
+        given = settings_of(settings, pairs, seed)
+        if Path(scenario).is_dir():  # a run's folder needs more modules
+            from harness.studies.running.run import scenario_file
+
+            file = scenario_file(scenario, given)
+        else:
+            file = read_scenario_file(scenario, given)
         variations = [parse_variation(text) for text in vary or []]
         study = study_of(file, variations)
         if vary and file.sweep is not None:
@@ -113,11 +119,10 @@ def risk(
     """Estimate the probability of a rare event in an episode."""
     from harness.core.vocabulary import Arm
     from harness.scenario import study_of
-    from harness.studies.scenario_files import scenario_file
+    from harness.studies.risk.estimate import risk as estimate
+    from harness.studies.running.run import scenario_file
 
     study = study_of(scenario_file(scenario, settings_of(settings, None, seed)))
-    from harness.studies.risk.estimate import risk as estimate
-
     bar = progress_bar(quiet or as_json, "parts")
     with bar as advance, unwinding(), _cluster(dask, workers, study.driven) as cluster:
         result = estimate(

@@ -21,10 +21,9 @@ from harness.results.result import flat
 from harness.scenario import Cell, EngineName, Scenario, Setting, check_effects
 from harness.strategies.registry import source_digests
 from harness.studies.running import workers as local
-from harness.studies.running.run import checked_models
+from harness.studies.running.run import checked_models, scenario_file
 from harness.studies.running.tasks import Task, but_for_drivers
 from harness.studies.running.workers import OwnExecutor, submitted
-from harness.studies.scenario_files import scenario_file
 
 if TYPE_CHECKING:
     import pandas as pd

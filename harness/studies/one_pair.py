@@ -16,8 +16,7 @@ from harness.engine.shared import close_engine, open_engine
 from harness.measures import Outcome
 from harness.results.rows import trace_rows
 from harness.scenario import EngineName, Scenario
-from harness.studies.running.run import checked_models
-from harness.studies.scenario_files import scenario_file
+from harness.studies.running.run import checked_models, scenario_file
 
 if TYPE_CHECKING:
     import pandas as pd

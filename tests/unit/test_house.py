@@ -33,9 +33,9 @@ ROOMS = {
     "simulation": 1_553,
     "site": 280,
     "results": 2_136,
-    "report": 1_563,
+    "report": 1_559,
     "rl": 170,
-    "cli": 710,
+    "cli": 714,
     "studies": 4_249,
 }
 CODE |= {f"harness/{room}": lines for room, lines in ROOMS.items()}

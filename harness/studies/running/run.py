@@ -17,8 +17,10 @@ from harness.core.errors import (
     advised,
     checked,
     in_one_line,
+    reading,
     refused_at,
 )
+from harness.core.files import shipped_directory
 from harness.core.freezing import frozen
 from harness.core.vocabulary import Progress, ignore
 from harness.encounter.arms import asks_model, check_arms
@@ -28,13 +30,12 @@ from harness.results import folder as folders
 from harness.results.loaded_run import Run, computed, load_run
 from harness.results.tables import TABLES_OF, TRACES, RunKind
 from harness.scenario import EngineName, Scenario
-from harness.scenario.file import as_settings
+from harness.scenario.file import ScenarioFile, Settings, as_settings, read_scenario_file
 from harness.scenario.study import Study, study_from, study_of
 from harness.studies.running import claimed_folder
 from harness.studies.running.claimed_folder import RunFolder
 from harness.studies.running.tasks import Task, TaskRows, part_pairs, tasks_of
 from harness.studies.running.workers import Limited, executor_for, submitted
-from harness.studies.scenario_files import scenario_file
 
 _AT_ONCE = 300
 """Tasks at a time of an executor of the caller's."""
@@ -148,6 +149,27 @@ def resume(
             claimed_folder.refuse_changes(path, manifest["simulated_with"], now)
         folder.note("resumed")
         return _carried_out(folder, study, manifest, models, done, chosen, progress)
+
+
+def scenario_file(scenario: Scenario | str | Path, settings: Settings) -> ScenarioFile:
+    """A scenario, the file or name of one, or the folder of a run, with settings, as a file.
+
+    The folder of a run has the study of its manifest, whose paths are absolute.
+
+    Raises:
+        InputError: the file is no scenario, or the folder holds no run.
+    """
+    if isinstance(scenario, Scenario) or not (folder := Path(scenario)).is_dir():
+        return read_scenario_file(scenario, settings)
+    if (shipped_directory("scenarios") / f"{folder}.toml").is_file():
+        return read_scenario_file(scenario, settings)
+    where = str(folder / folders.MANIFEST)
+    with reading(where):
+        study = study_from(folders.read_manifest(folder, old=True), where)
+    cells = [{k: v for k, v in cell.varied.items() if v is not None} for cell in study.cells]
+    tree, given = study.base.model_dump(), as_settings(settings)
+    sweep = cells if study.varied_keys else None
+    return ScenarioFile(study.name, where, tree, sweep, given, Path.cwd())
 
 
 def checked_models(
